@@ -1,0 +1,51 @@
+# Everything runs in a virtual environment of its own, made on first use.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+
+.DEFAULT_GOAL := help
+.PHONY: help install run test test-slow format check bench picture clean
+
+help:  ## List the targets.
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' Makefile
+
+install: $(INSTALLED)  ## Make the virtual environment.
+
+$(INSTALLED): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] < (3, 13))' \
+	  || { echo "Python 3.11 or 3.12 is needed; try: make PYTHON=python3.11 $(MAKECMDGOALS)"; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' \
+	  || { echo "Python cannot make virtual environments; on Debian: apt-get install python3-venv"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+run: $(INSTALLED)  ## Teach the robot where the vase goes, and record it.
+	$(BIN)/tablesetting run vase
+
+test: $(INSTALLED)  ## Run the tests.
+	$(BIN)/pytest -q
+
+test-slow: $(INSTALLED)  ## Run the slow tests, too.
+	$(BIN)/pytest -q -m "slow or not slow"
+
+format: $(INSTALLED)  ## Format the code and mend what lint can.
+	$(BIN)/ruff format
+	$(BIN)/ruff check --fix
+
+check: $(INSTALLED)  ## Check format, lint, types and layers.
+	$(BIN)/ruff format --check
+	$(BIN)/ruff check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: $(INSTALLED)  ## Measure speed and memory.
+	$(BIN)/python benchmarks/run.py
+
+picture: $(INSTALLED)  ## Draw the picture of the README anew (needs a Vulkan driver).
+	$(BIN)/tablesetting run vase --seed 0 --out runs/picture --overwrite
+	$(BIN)/tablesetting inspect runs/picture --screenshot docs/recording.png --at 11.5
+
+clean:  ## Remove the virtual environment.
+	rm -rf $(VENV)

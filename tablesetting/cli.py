@@ -1,0 +1,132 @@
+"""Learn where a person wants things on a table, and bound how wrong that is."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from datetime import datetime
+from pathlib import Path
+
+import tyro
+from tqdm import tqdm
+
+from tablesetting.errors import (
+    InvalidFile,
+    InvalidLayout,
+    OutputError,
+    TableSettingError,
+)
+from tablesetting.experiments.config import DoctorConfig, InspectConfig, RunConfig
+from tablesetting.results import RECORDING, RunFolder
+
+# Nothing is rendered in this process, and without a display the default would warn.
+os.environ.setdefault("MUJOCO_GL", "disable")
+
+FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+"""Exit codes; 0 is success."""
+
+# The packages behind a command take a second or more to import: each command does so
+# itself, so that --help and mistakes are answered at once.
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Args:
+        argv: Arguments after the program's name; those of the process if None.
+
+    Returns:
+        The exit code: 0, 1 (the work failed), 2 (bad input) or 130 (interrupted).
+    """
+    configs: dict[str, Callable[..., object]] = {
+        "run": RunConfig,
+        "inspect": InspectConfig,
+        "doctor": DoctorConfig,
+    }
+    config = tyro.extras.subcommand_cli_from_dict(
+        configs, prog="tablesetting", description=__doc__, args=argv
+    )
+    commands: dict[type, Callable[..., int]] = {
+        RunConfig: _run,
+        InspectConfig: _inspect,
+        DoctorConfig: _doctor,
+    }
+    try:
+        return commands[type(config)](config)
+    except (InvalidFile, InvalidLayout, OutputError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return BAD_INPUT
+    except TableSettingError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return FAILED
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _run(config: RunConfig) -> int:
+    from tablesetting.experiments.run import run
+    from tablesetting.experiments.setup import RunSetup
+
+    setup = RunSetup.of_config(config)
+    out = config.out or Path("runs", "run", f"{config.task}-{_stamp()}")
+    folder = RunFolder.create(out, overwrite=config.overwrite)
+    num_rounds = 0
+    try:
+        with (
+            closing(run(config, setup, folder)) as rounds,
+            tqdm(total=config.num_queries + 1, unit="round", disable=None) as bar,
+        ):
+            for latest in rounds:
+                num_rounds += 1
+                bar.update()
+                bar.write(latest.describe())
+    except KeyboardInterrupt:
+        print(
+            f"interrupted; {num_rounds} finished rounds are in {out}", file=sys.stderr
+        )
+        return INTERRUPTED
+    recording = out / RECORDING
+    print(f"recording: {recording} ({recording.stat().st_size / 1e6:.1f} MB)")
+    print(f"open it with: tablesetting inspect {out}")
+    return 0
+
+
+def _inspect(config: InspectConfig) -> int:
+    from tablesetting.recording.screenshot import screenshot
+    from tablesetting.recording.story import tell
+
+    recording = config.run / RECORDING if config.run.is_dir() else config.run
+    if config.screenshot is not None:
+        screenshot(recording, config.screenshot, config.at)
+        print(f"wrote {config.screenshot}")
+        return 0
+    story = tell(recording)  # Refuses what is not a recording, for the viewer, too.
+    if config.text:
+        print(story)
+        return 0
+    serve = ["--web-viewer", "--bind", "127.0.0.1"] if config.web else []
+    viewer = [sys.executable, "-m", "rerun_cli", *serve, str(recording)]
+    return FAILED if subprocess.run(viewer, check=False).returncode else 0
+
+
+def _doctor(config: DoctorConfig) -> int:
+    from tablesetting.experiments.doctor import diagnose
+
+    is_well = True
+    for finding in diagnose(config.out):
+        is_well &= finding.is_well
+        mark = "ok  " if finding.is_well else "FAIL"
+        print(f"{mark}  {finding.subject:<22} {finding.detail}", flush=True)
+        if finding.remedy is not None:
+            print(f"      {'':<22} -> {finding.remedy}")
+    return 0 if is_well else FAILED
+
+
+def _stamp() -> str:
+    return datetime.now().strftime("%Y%m%d-%H%M%S")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,105 @@
+"""What a run can be told; light to import, so that the command line answers at once."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from tyro.conf import Positional
+
+TaskName = Literal["vase", "spoon"]
+StrategyName = Literal["active-var", "random"]
+PresetName = Literal["default", "paper"]
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """Learn TASK from a simulated person by active queries, then validate.
+
+    The arm carries out the current best guess in every layout that is asked about.
+    """
+
+    task: Positional[TaskName]
+    """What to place."""
+    num_queries: int = 5
+    """Queries asked after the first demonstration."""
+    strategy: StrategyName = "active-var"
+    """How the layout to ask about is chosen."""
+    preset: PresetName = "default"
+    """`default` is statistically sound and physical; `paper` reproduces the published
+    curves, with objects that are points."""
+    candidates: Literal["any", "one-moved"] | None = None
+    """Layouts to choose from: anew, or the last one with one object moved. By default
+    `any`, with the paper preset `one-moved`."""
+    num_candidates: int = 50
+    """Layouts to choose from in each round."""
+    first_layout: str | None = None
+    """`random`, `paper` or a file of one layout. By default `random`, with the paper
+    preset `paper` where the task has one."""
+    layouts: str | None = None
+    """Test layouts: `valid`, `uniform` or a file. By default `valid`, with the paper
+    preset `uniform`."""
+    num_layouts: int = 200
+    """Test layouts drawn."""
+    epsilon: float | None = None
+    """Stop once the value at risk of every candidate is below this, in table units. By
+    default 0.05, with the paper preset 0: never."""
+    execute: int | None = None
+    """Queried layouts in which the arm acts. By default all, with the paper preset
+    none."""
+    seed: int = 0
+    """Seed of all randomness."""
+    out: Path | None = None
+    """Run folder; by default runs/run/TASK-STAMP."""
+    overwrite: bool = False
+    """Replace an earlier run in the folder."""
+
+    def __post_init__(self) -> None:
+        for name, least in (
+            ("num_queries", 0),
+            ("num_candidates", 1),
+            ("num_layouts", 1),
+            ("execute", 0),
+            ("seed", 0),
+        ):
+            value = getattr(self, name)
+            if value is not None and value < least:
+                option = name.replace("_", "-")
+                raise ValueError(f"--{option} must be at least {least}; got {value}")
+        if self.epsilon is not None and not 0.0 <= self.epsilon < math.inf:
+            raise ValueError(f"--epsilon must be 0 or more; got {self.epsilon}")
+        if self.preset == "paper" and self.execute:
+            raise ValueError(
+                f"--execute must be 0 with the paper preset, whose objects are points; "
+                f"got {self.execute}"
+            )
+
+
+@dataclass(frozen=True)
+class InspectConfig:
+    """Open the recording of a run in the Rerun viewer, or tell it in words."""
+
+    run: Positional[Path]
+    """A run folder, or a recording."""
+    text: bool = False
+    """Print the story of the run; needs no viewer."""
+    web: bool = False
+    """Serve the viewer on this machine, for a browser."""
+    screenshot: Path | None = None
+    """Render the recording without a display and write a PNG."""
+    at: float | None = None
+    """Time on the recording's clock that the screenshot shows, in seconds; by default
+    its end."""
+
+    def __post_init__(self) -> None:
+        chosen = [self.text, self.web, self.screenshot is not None]
+        if sum(chosen) > 1:
+            raise ValueError("choose one of --text, --web and --screenshot")
+
+
+@dataclass(frozen=True)
+class DoctorConfig:
+    """Check that everything that the commands need is there and works."""
+
+    out: Path = Path("runs")
+    """Folder that results go to."""

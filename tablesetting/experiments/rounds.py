@@ -1,0 +1,156 @@
+"""One round of a run, and what is said of it in tables and in words."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tablesetting.experiments.arm import Attempt
+from tablesetting.irl.active import Round
+from tablesetting.irl.arrays import Array
+from tablesetting.recording import ExecutionView, RoundView
+from tablesetting.reward.likelihood import Demonstration
+from tablesetting.reward.problem import PlacementProblem
+
+_MAP_SIZE = 64  # Points along each side of a reward map.
+_DIGITS = 9  # In rounds.csv: below any error that means something.
+
+
+@dataclass(frozen=True)
+class RunRound:
+    """One round of a run.
+
+    Attributes:
+        learning: Posterior, candidates and query.
+        errors: Placement error in every test layout, shape (L,), in table units.
+        placement: Where the robot wants the item in the queried layout, shape (2,).
+        answer: What the person shows there.
+        stopped: Why this round is the last, "epsilon" or "budget"; None if its query
+            is asked.
+        attempt: What the arm made of it; None if it did not act.
+    """
+
+    learning: Round[Array, Demonstration]
+    errors: Array
+    placement: Array
+    answer: Demonstration
+    stopped: str | None
+    attempt: Attempt | None = None
+
+    @property
+    def num_demos(self) -> int:
+        """Number of demonstrations learned from."""
+        return len(self.learning.demos)
+
+    @property
+    def learning_error(self) -> float:
+        """Distance between robot and person in the queried layout, in table units."""
+        return float(np.linalg.norm(self.placement - self.answer.placement))
+
+    def describe(self) -> str:
+        """Say in one line how far the run is."""
+        line = (
+            f"{self.num_demos:3d} demonstrations   mean error "
+            f"{self.errors.mean():.3f}   largest {self.errors.max():.3f}   "
+            f"bound {self.learning.var_bound:.3f}"
+        )
+        if self.attempt is None:
+            return line
+        if self.attempt.failure is not None:
+            return f"{line}   {self.attempt.failure}"
+        return f"{line}   placed within {self.attempt.error_mm:.2f} mm"
+
+
+def round_row(latest: RunRound) -> dict[str, object]:
+    """Return the row of rounds.csv; cells of what was not done are empty."""
+    learning = latest.learning
+    row = {
+        "num_demos": latest.num_demos,
+        "mean_placement_error": float(latest.errors.mean()),
+        "max_placement_error": float(latest.errors.max()),
+        "var_bound": learning.var_bound,
+        "ess": learning.posterior.ess,
+        "rhat": learning.posterior.rhat,
+        "acceptance_rate": learning.posterior.acceptance_rate,
+        "learning_error": latest.learning_error,
+        **_attempt_cells(latest.attempt),
+        "inference_seconds": learning.inference_seconds,
+        "query_seconds": learning.query_seconds,
+        "simulation_seconds": latest.attempt.seconds if latest.attempt else None,
+    }
+    return {name: _round(value) for name, value in row.items()}
+
+
+def round_view(latest: RunRound, problem: PlacementProblem, strategy: str) -> RoundView:
+    """Return what the recording shows of a round before the arm acts."""
+    learning = latest.learning
+    return RoundView(
+        num_demos=latest.num_demos,
+        centers=learning.query,
+        reward_map=problem.reward_map(
+            learning.posterior.map_weights, learning.query, _MAP_SIZE
+        ),
+        candidate_var=learning.var,
+        asked=learning.query_index,
+        robot_placement=latest.placement,
+        demo_placement=None if latest.stopped else latest.answer.placement,
+        var_bound=learning.var_bound,
+        mean_placement_error=float(latest.errors.mean()),
+        max_placement_error=float(latest.errors.max()),
+        reason=explain_query(latest, strategy),
+    )
+
+
+def execution_view(attempt: Attempt) -> ExecutionView:
+    """Return what the recording shows of the arm's attempt."""
+    return ExecutionView(attempt.commanded, attempt.settled, attempt.failure)
+
+
+def explain_query(latest: RunRound, strategy: str) -> str:
+    """Say in words why this layout was asked about, or why nothing was."""
+    learning = latest.learning
+    risk = learning.var[learning.query_index]
+    rank = int((learning.var > risk).sum()) + 1
+    risks = (
+        f"its value at risk is {risk:.3f} (rank {rank} of {len(learning.var)} "
+        f"candidates, median {np.median(learning.var):.3f}): one in twenty of the "
+        f"rewards that explain the demonstrations puts the item {risk:.3f} table units "
+        "or more from the robot's guess"
+    )
+    if latest.stopped == "epsilon":
+        bound = f"no candidate's value at risk is over {learning.var_bound:.3f}"
+        return f"Nothing more is asked: {bound}. In the layout shown, {risks}."
+    if latest.stopped == "budget":
+        return f"The budget is spent. `{strategy}` would ask here next: {risks}."
+    return f"Asked here by `{strategy}`: {risks}."
+
+
+def _attempt_cells(attempt: Attempt | None) -> Mapping[str, object]:
+    names = (
+        "commanded_x",
+        "commanded_y",
+        "settled_x",
+        "settled_y",
+        "execution_error_mm",
+        "tilt_deg",
+        "bystander_shift_mm",
+        "success",
+        "failure",
+    )
+    if attempt is None:
+        return dict.fromkeys(names)
+    settled = (None, None) if attempt.settled is None else attempt.settled
+    values = (
+        *attempt.commanded,
+        *settled,
+        attempt.error_mm,
+        attempt.tilt_deg,
+        attempt.max_bystander_shift_mm,
+        attempt.failure is None,
+        attempt.failure,
+    )
+    return dict(zip(names, values, strict=True))
+
+
+def _round(value: object) -> object:
+    return round(float(value), _DIGITS) if isinstance(value, float) else value

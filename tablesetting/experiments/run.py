@@ -1,0 +1,112 @@
+"""Learn one task actively while the arm acts on the current best guess."""
+
+from collections.abc import Generator, Iterator
+from dataclasses import replace
+from itertools import islice
+
+from tablesetting.experiments.arm import Attempt, place
+from tablesetting.experiments.config import RunConfig
+from tablesetting.experiments.rounds import RunRound, execution_view, round_view
+from tablesetting.experiments.run_files import RunFiles
+from tablesetting.experiments.setup import RunSetup
+from tablesetting.irl.active import STRATEGIES, Round, run_active
+from tablesetting.irl.arrays import Array
+from tablesetting.recording import RunCard, RunRecorder
+from tablesetting.results import RECORDING, RunFolder, package_versions
+from tablesetting.reward.likelihood import Demonstration
+from tablesetting.reward.problem import PlacementProblem
+from tablesetting.scene.scene import Scene
+
+
+def run(
+    config: RunConfig, setup: RunSetup, folder: RunFolder
+) -> Generator[RunRound, None, None]:
+    """Carry out a run, and write its folder as it goes.
+
+    Whatever is finished when the caller stops stays readable; the summary comes with
+    the last round.
+
+    Args:
+        config: The options.
+        setup: What they resolve to.
+        folder: An empty run folder.
+
+    Yields:
+        One round per number of demonstrations, when the arm is done with it.
+    """
+    task = setup.problem.task
+    files = RunFiles(folder, config, setup)
+    files.write_config()
+    scene = Scene(task.objects, task.item)
+    card = RunCard(
+        task=task.name,
+        strategy=config.strategy,
+        seed=config.seed,
+        objects=task.objects,
+        item=task.item,
+        versions=package_versions(),
+    )
+    recording_id = f"{task.name}-{config.preset}-{config.strategy}-{config.seed}"
+    with RunRecorder(
+        folder.path / RECORDING, scene.model, card, recording_id=recording_id
+    ) as recorder:
+        for latest in _learn(config, setup, scene, recorder):
+            files.add(latest)
+            if latest.stopped is not None:
+                recorder.log_summary(files.write_summary(latest.stopped))
+            yield latest
+
+
+def _learn(
+    config: RunConfig, setup: RunSetup, scene: Scene, recorder: RunRecorder
+) -> Iterator[RunRound]:
+    """Learn until the budget is spent or the bound is below epsilon."""
+    problem = setup.problem
+    rounds = run_active(
+        problem,
+        [problem.demonstrate(setup.first_layout)],
+        STRATEGIES[config.strategy],
+        problem.config.risk,
+        rng=setup.rng,
+    )
+    for num_asked, learning in enumerate(islice(rounds, config.num_queries + 1)):
+        latest = _evaluate(learning, setup, is_last=num_asked == config.num_queries)
+        recorder.log_round(round_view(latest, problem, config.strategy))
+        if latest.stopped is None and num_asked < setup.num_executions:
+            latest = replace(latest, attempt=_act(learning, problem, scene, recorder))
+        else:
+            scene.lay(learning.query)
+            recorder.show(scene.snapshot())
+        yield latest
+        if latest.stopped is not None:
+            return
+
+
+def _evaluate(
+    learning: Round[Array, Demonstration], setup: RunSetup, *, is_last: bool
+) -> RunRound:
+    problem, best_guess = setup.problem, learning.posterior.map_weights
+    placement = problem.best_placements(best_guess[None], learning.query[None])[0, 0]
+    is_certain = learning.var_bound < setup.epsilon
+    return RunRound(
+        learning=learning,
+        errors=setup.validation.placement_errors(best_guess),
+        placement=placement,
+        answer=problem.demonstrate(learning.query),
+        stopped="epsilon" if is_certain else "budget" if is_last else None,
+    )
+
+
+def _act(
+    learning: Round[Array, Demonstration],
+    problem: PlacementProblem,
+    scene: Scene,
+    recorder: RunRecorder,
+) -> Attempt:
+    """Let the arm put the item where the best guess has it lie best on the table."""
+    target = problem.best_resting_placement(
+        learning.posterior.map_weights, learning.query
+    )
+    attempt = place(scene, recorder, learning.query, target)
+    recorder.log_execution(execution_view(attempt))
+    return attempt

@@ -1,0 +1,166 @@
+"""The files of a run folder, kept complete after every round."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from tablesetting.experiments.arm import Attempt
+from tablesetting.experiments.config import RunConfig
+from tablesetting.experiments.rounds import RunRound, round_row
+from tablesetting.experiments.setup import RunSetup
+from tablesetting.plotting import plot_learning, plot_query
+from tablesetting.results import (
+    CONFIG,
+    ROUNDS,
+    SUMMARY,
+    RunFolder,
+    package_versions,
+    read_rows,
+)
+from tablesetting.reward.files import (
+    demonstrations_to_json,
+    layout_to_json,
+    weights_to_json,
+)
+
+_MAP_SIZE = 96
+
+
+class RunFiles:
+    """Writes one run into its folder, round by round."""
+
+    def __init__(self, folder: RunFolder, config: RunConfig, setup: RunSetup):
+        self._folder = folder
+        self._config = config
+        self._setup = setup
+        self._rounds: list[RunRound] = []
+        self._started = perf_counter()
+
+    def write_config(self) -> None:
+        """Write the options and what they resolve to, before the work starts."""
+        setup, task = self._setup, self._setup.problem.task
+        options = asdict(self._config)
+        options["out"] = str(self._folder.path)
+        resolved = {
+            "problem": asdict(setup.problem.config),
+            "first_layout": layout_to_json(setup.first_layout, task.objects),
+            "num_layouts": len(setup.validation.layouts),
+            "epsilon": setup.epsilon,
+            "num_executions": setup.num_executions,
+        }
+        content = {
+            "format": "tablesetting-config/1",
+            "command": "run",
+            "options": options,
+            "resolved": resolved,
+            "versions": package_versions(),
+        }
+        self._folder.write_json(CONFIG, content)
+
+    def add(self, latest: RunRound) -> None:
+        """Add a round to the table and bring all other files up to date."""
+        self._rounds.append(latest)
+        problem, posterior = self._setup.problem, latest.learning.posterior
+        self._folder.append_row(round_row(latest))
+        self._folder.write_json(
+            "demonstrations.json",
+            demonstrations_to_json(latest.learning.demos, problem.task),
+        )
+        widths = problem.config.widths
+        self._folder.write_json(
+            "weights.json", weights_to_json(posterior.map_weights, problem.task, widths)
+        )
+        self._folder.write("posterior.npz", lambda path: _save_posterior(path, latest))
+        self._draw(latest)
+
+    def write_summary(self, stopped: str) -> dict[str, Any]:
+        """Write the final figures, and return them."""
+        last = self._rounds[-1]
+        summary = {
+            "task": self._config.task,
+            "strategy": self._config.strategy,
+            "preset": self._config.preset,
+            "seed": self._config.seed,
+            "num_demos": last.num_demos,
+            "stopped": stopped,
+            "mean_placement_error": float(last.errors.mean()),
+            "max_placement_error": float(last.errors.max()),
+            "var_bound": last.learning.var_bound,
+            "epsilon": self._setup.epsilon,
+            "executions": summarize_attempts(
+                [each.attempt for each in self._rounds if each.attempt is not None]
+            ),
+            "seconds": self._seconds(),
+        }
+        self._folder.write_json(SUMMARY, summary)
+        return summary
+
+    def _seconds(self) -> Mapping[str, float]:
+        learning = [each.learning for each in self._rounds]
+        attempts = [each.attempt for each in self._rounds if each.attempt]
+        seconds = {
+            "inference": sum(each.inference_seconds for each in learning),
+            "queries": sum(each.query_seconds for each in learning),
+            "simulation": sum(attempt.seconds for attempt in attempts),
+            "total": perf_counter() - self._started,
+        }
+        return {name: round(value, 3) for name, value in seconds.items()}
+
+    def _draw(self, latest: RunRound) -> None:
+        problem, query = self._setup.problem, latest.learning.query
+        demos = f"{latest.num_demos} demonstration{'s' * (latest.num_demos > 1)}"
+        title = f"place {problem.task.item}, {self._config.strategy}"
+        weights = latest.learning.posterior.map_weights
+        rows = read_rows(self._folder.path / ROUNDS)
+        figures = {
+            "learning": plot_learning(rows, title),
+            f"query_{latest.num_demos:02d}": plot_query(
+                problem.reward_map(weights, query, _MAP_SIZE),
+                layout_to_json(query, problem.task.objects),
+                latest.placement.tolist(),
+                latest.answer.placement.tolist(),
+                f"{title}: after {demos}",
+            ),
+        }
+        for name, figure in figures.items():
+            self._folder.write(f"figures/{name}.png", figure.savefig)
+
+
+def summarize_attempts(attempts: list[Attempt]) -> dict[str, float | int | None]:
+    """Count successes and give the spread of the errors of what was carried out."""
+    made = [attempt for attempt in attempts if not attempt.is_refused]
+    errors = [attempt.error_mm for attempt in made]
+    shifts = [attempt.max_bystander_shift_mm for attempt in made]
+    tilts = [attempt.tilt_deg for attempt in made]
+    return {
+        "attempted": len(made),
+        "succeeded": sum(attempt.failure is None for attempt in made),
+        "refused": len(attempts) - len(made),
+        "median_error_mm": _statistic(np.median, errors),
+        "p95_error_mm": _statistic(lambda values: np.quantile(values, 0.95), errors),
+        "max_error_mm": _statistic(np.max, errors),
+        "max_bystander_shift_mm": _statistic(np.max, shifts),
+        "max_tilt_deg": _statistic(np.max, tilts),
+    }
+
+
+def _statistic(statistic: Any, values: list[float | None]) -> float | None:
+    """Apply a statistic, rounded to a micrometre or less; None without values."""
+    return round(float(statistic(values)), 4) if values else None
+
+
+def _save_posterior(path: Path, latest: RunRound) -> None:
+    posterior = latest.learning.posterior
+    np.savez(
+        path,
+        weights=posterior.weights,
+        log_posts=posterior.log_posts,
+        map_weights=posterior.map_weights,
+        acceptance_rate=posterior.acceptance_rate,
+        ess=posterior.ess,
+        rhat=posterior.rhat,
+    )

@@ -1,0 +1,1 @@
+"""Inverse reinforcement learning: posterior, risk and the active loop."""

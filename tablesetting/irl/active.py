@@ -1,0 +1,162 @@
+"""The active loop of the paper's Algorithm 1, for any domain."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+
+from tablesetting.irl.arrays import Array
+from tablesetting.irl.posterior import Posterior
+from tablesetting.irl.risk import value_at_risk
+
+QueryT = TypeVar("QueryT")
+DemoT = TypeVar("DemoT")
+
+
+@dataclass(frozen=True)
+class RiskConfig:
+    """Which quantile of the loss is the risk."""
+
+    alpha: float = 0.95
+    """Quantile of the worst case, in (0, 1)."""
+    rank_offset: int = 0
+    """Added to the rank of the order statistic; 1 in the authors' released code."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.alpha < 1.0:
+            raise ValueError(f"`alpha` must be in (0, 1); got {self.alpha}")
+
+
+class Problem(Protocol[QueryT, DemoT]):
+    """What the loop needs to know of a domain: a grid world or a table."""
+
+    def infer(
+        self,
+        demos: Sequence[DemoT],
+        previous: Posterior | None,
+        *,
+        rng: np.random.Generator,
+    ) -> Posterior:
+        """Sample the posterior; `previous` is that of one demonstration less."""
+        ...
+
+    def propose_queries(
+        self, demos: Sequence[DemoT], *, rng: np.random.Generator
+    ) -> Sequence[QueryT]:
+        """Draw the candidate queries, Q of them."""
+        ...
+
+    def policy_losses(self, queries: Sequence[QueryT], posterior: Posterior) -> Array:
+        """Return the loss of the MAP policy under each sample, shape (Q, N)."""
+        ...
+
+    def demonstrate(self, query: QueryT) -> DemoT:
+        """Ask the demonstrator."""
+        ...
+
+
+Strategy = Callable[[Array, RiskConfig, np.random.Generator], Array]
+"""Maps losses, shape (Q, N), to scores, shape (Q,); the highest score is asked."""
+
+
+def score_active_var(
+    losses: Array, risk: RiskConfig, rng: np.random.Generator
+) -> Array:
+    """Score candidates by the alpha-VaR of their loss (the paper's Algorithm 1)."""
+    return value_at_risk(losses, risk.alpha, rank_offset=risk.rank_offset)
+
+
+def score_random(losses: Array, risk: RiskConfig, rng: np.random.Generator) -> Array:
+    """Score candidates at random: the baseline."""
+    return rng.random(len(losses))
+
+
+STRATEGIES: dict[str, Strategy] = {
+    "active-var": score_active_var,
+    "random": score_random,
+}
+
+
+@dataclass(frozen=True)
+class Round(Generic[QueryT, DemoT]):
+    """What is known after a number of demonstrations, and what to ask next.
+
+    Attributes:
+        demos: The demonstrations so far.
+        posterior: The posterior given these.
+        candidates: The queries that were weighed, Q of them.
+        var: Value at risk of each candidate, shape (Q,).
+        scores: The strategy's score of each candidate, shape (Q,).
+        inference_seconds: Time that the posterior took.
+        query_seconds: Time that candidates, losses and scores took.
+    """
+
+    demos: tuple[DemoT, ...]
+    posterior: Posterior
+    candidates: Sequence[QueryT]
+    var: Array
+    scores: Array
+    inference_seconds: float
+    query_seconds: float
+
+    @property
+    def query_index(self) -> int:
+        """Index of the candidate with the highest score."""
+        return int(np.argmax(self.scores))
+
+    @property
+    def query(self) -> QueryT:
+        """The candidate to ask about."""
+        return self.candidates[self.query_index]
+
+    @property
+    def var_bound(self) -> float:
+        """The largest value at risk over the candidates."""
+        return float(self.var.max())
+
+
+def run_active(
+    problem: Problem[QueryT, DemoT],
+    demos: Sequence[DemoT],
+    strategy: Strategy,
+    risk: RiskConfig,
+    *,
+    rng: np.random.Generator,
+) -> Iterator[Round[QueryT, DemoT]]:
+    """Learn actively; the caller stops it.
+
+    The demonstrator is asked only when the next round is. Every purpose has its own
+    stream of random numbers in every round, so that strategies can be paired.
+
+    Args:
+        problem: The domain.
+        demos: The first demonstrations, at least one.
+        strategy: Scores the candidates.
+        risk: The quantile that bounds the loss.
+        rng: Source of all randomness.
+
+    Yields:
+        One round per number of demonstrations.
+    """
+    collected = tuple(demos)
+    posterior = None
+    while True:
+        infer_rng, propose_rng, strategy_rng = rng.spawn(3)
+        started = perf_counter()
+        posterior = problem.infer(collected, posterior, rng=infer_rng)
+        inferred = perf_counter()
+        candidates = problem.propose_queries(collected, rng=propose_rng)
+        losses = problem.policy_losses(candidates, posterior)
+        latest = Round(
+            demos=collected,
+            posterior=posterior,
+            candidates=candidates,
+            var=value_at_risk(losses, risk.alpha, rank_offset=risk.rank_offset),
+            scores=strategy(losses, risk, strategy_rng),
+            inference_seconds=inferred - started,
+            query_seconds=perf_counter() - inferred,
+        )
+        yield latest
+        collected += (problem.demonstrate(latest.query),)

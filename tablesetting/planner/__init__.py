@@ -1,0 +1,1 @@
+"""From a commanded placement to the motion that carries it out."""

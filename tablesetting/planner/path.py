@@ -1,0 +1,119 @@
+"""A path of the tool, strung together from poses and solved for the joints."""
+
+from functools import cache
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from tablesetting.planner.grasp import ToolPose
+from tablesetting.planner.ik import IkConfig, IkResult, IkSolver
+from tablesetting.planner.trajectory import Step, move_through, wait
+from tablesetting.scene.robot import BASE_POSITION, HOME, TCP_SITE, robot_model
+
+Array = npt.NDArray[np.float64]
+
+_SPACING: Final = 0.04  # Between two waypoints, in [m].
+_MAX_JUMP: Final = 0.6  # Of a joint between two waypoints, in [rad].
+# A restart would land on another branch of solutions, to which no path leads.
+_IK_CONFIG: Final = IkConfig(num_restarts=0, max_iterations=20)
+
+
+class Unreachable(Exception):
+    """The arm cannot follow a path; the message says where."""
+
+
+class Path:
+    """Steps laid end to end; knows where the last one leaves the arm.
+
+    Attributes:
+        configuration: Arm joints at the end, shape (6,), in [rad].
+        pose: Pose of the tool at the end.
+        opening: Travel of each finger at the end, in [m].
+        steps: The steps so far.
+    """
+
+    def __init__(self, configuration: Array, pose: ToolPose, opening: float) -> None:
+        self.configuration = configuration
+        self.pose = pose
+        self.opening = opening
+        self.steps: list[Step] = []
+        self._solver = _make_solver()
+
+    def move(self, phase: str, goal: ToolPose) -> None:
+        """Move the tool to `goal`, pointing down all the way.
+
+        Raises:
+            Unreachable: If the arm cannot follow.
+        """
+        waypoints = [self.configuration]
+        for pose in _sweep(self.pose, goal):
+            waypoints.append(self._solve(phase, pose, waypoints[-1]))
+        self.steps.append(move_through(phase, np.array(waypoints), self.opening))
+        self.configuration, self.pose = waypoints[-1], goal
+
+    def grip(self, phase: str, opening: float, duration: float) -> None:
+        """Send the fingers to `opening`, in [m], and give them time, in [s]."""
+        self.opening = opening
+        self.wait(phase, duration)
+
+    def wait(self, phase: str, duration: float) -> None:
+        """Stand still, in [s]."""
+        self.steps.append(wait(phase, self.configuration, self.opening, duration))
+
+    def _solve(self, phase: str, pose: ToolPose, previous: Array) -> Array:
+        start = _with_jaw(previous)
+        result = self._solver.solve(pose.position, pose.rotation, start)
+        configuration = result.configuration[: previous.size]
+        if not result.is_solved:
+            raise Unreachable(_describe(phase, pose, result))
+        if np.abs(configuration - previous).max() > _MAX_JUMP:
+            raise Unreachable(f"{phase}: the arm would swing at {_at(pose)}")
+        return configuration
+
+
+@cache
+def home_pose() -> ToolPose:
+    """Pose of the tool when the arm is at home."""
+    position, rotation = _make_solver().forward(_with_jaw(np.array(HOME)))
+    return ToolPose(position, float(np.arctan2(rotation[1, 0], rotation[0, 0])))
+
+
+def _make_solver() -> IkSolver:
+    return IkSolver(robot_model(), TCP_SITE, _with_jaw(np.array(HOME)), _IK_CONFIG)
+
+
+def _with_jaw(configuration: Array) -> Array:
+    """Append the two fingers, which do not move the tool centre point."""
+    return np.append(configuration, [0.0, 0.0])
+
+
+def _sweep(start: ToolPose, goal: ToolPose) -> list[ToolPose]:
+    """Poses after `start` up to `goal`, in polar coordinates about the arm's foot."""
+    distance = np.linalg.norm(goal.position - start.position)
+    fractions = np.linspace(0.0, 1.0, 2 + int(distance / _SPACING))[1:, None]
+    first, last = _to_polar(start), _to_polar(goal)
+    return [_from_polar(row) for row in first + fractions * (last - first)]
+
+
+def _to_polar(pose: ToolPose) -> Array:
+    x, y = pose.position[:2] - BASE_POSITION[:2]
+    return np.array([np.hypot(x, y), np.arctan2(y, x), pose.position[2], pose.yaw])
+
+
+def _from_polar(row: Array) -> ToolPose:
+    radius, azimuth, height, yaw = row
+    x, y = radius * np.array([np.cos(azimuth), np.sin(azimuth)]) + BASE_POSITION[:2]
+    return ToolPose(np.array([x, y, height]), float(yaw))
+
+
+def _at(pose: ToolPose) -> str:
+    x, y, z = pose.position
+    return f"({x:.3f}, {y:.3f}, {z:.3f}) m"
+
+
+def _describe(phase: str, pose: ToolPose, result: IkResult) -> str:
+    return (
+        f"{phase}: the arm does not reach {_at(pose)}; it comes as close as "
+        f"{1e3 * result.position_error:.1f} mm"
+    )

@@ -1,0 +1,97 @@
+"""When the arm is where: smooth motion through waypoints within joint limits."""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+CONTROL_PERIOD: Final = 0.01
+"""Time between two commands to the servos, in [s]."""
+
+_MAX_SPEED: Final = np.array([1.6, 1.6, 1.6, 2.2, 2.2, 2.2])  # [rad/s]
+_MAX_ACCELERATION: Final = 8.0  # [rad/s^2]
+_SAMPLES_PER_WAYPOINT: Final = 64  # To find the extremes of a path.
+
+
+@dataclass(frozen=True)
+class Step:
+    """One phase of a motion, as commands at the control rate.
+
+    Attributes:
+        phase: What the arm does, such as "lift".
+        positions: Arm joints, shape (T, 6), in [rad].
+        velocities: Their rates, shape (T, 6), in [rad/s].
+        opening: Commanded travel of each finger, in [m].
+    """
+
+    phase: str
+    positions: Array
+    velocities: Array
+    opening: float
+
+
+def move_through(phase: str, waypoints: Array, opening: float) -> Step:
+    """Move from rest to rest through waypoints, as fast as the limits allow.
+
+    The path is a cubic Hermite spline over the chord length; the speed along it
+    follows a minimum-jerk profile (Flash and Hogan, 1985).
+
+    Args:
+        phase: Name of the step.
+        waypoints: Arm configurations, shape (N, 6) with N > 1, in [rad].
+        opening: Travel of each finger meanwhile, in [m].
+
+    Returns:
+        The commands after the first waypoint up to the last.
+    """
+    duration = _shortest_duration(waypoints)
+    num_ticks = max(1, int(np.ceil(duration / CONTROL_PERIOD)))
+    fractions = np.arange(1, num_ticks + 1) / num_ticks
+    positions, slopes = _follow(waypoints, fractions)
+    return Step(phase, positions, slopes / (num_ticks * CONTROL_PERIOD), opening)
+
+
+def wait(phase: str, configuration: Array, opening: float, duration: float) -> Step:
+    """Stand still for a while, in [s], as when the fingers close."""
+    num_ticks = round(duration / CONTROL_PERIOD)
+    positions = np.tile(configuration, (num_ticks, 1))
+    return Step(phase, positions, np.zeros_like(positions), opening)
+
+
+def _shortest_duration(waypoints: Array) -> float:
+    """Time in which no joint exceeds its speed or acceleration, in [s]."""
+    num_samples = _SAMPLES_PER_WAYPOINT * len(waypoints)
+    _, rates = _follow(waypoints, np.linspace(0.0, 1.0, num_samples + 1))
+    rate_changes = np.diff(rates, axis=0) * num_samples
+    by_speed = np.max(np.abs(rates) / _MAX_SPEED)
+    by_acceleration = np.sqrt(np.max(np.abs(rate_changes)) / _MAX_ACCELERATION)
+    return float(max(by_speed, by_acceleration))
+
+
+def _follow(waypoints: Array, fractions: Array) -> tuple[Array, Array]:
+    """Positions at fractions of the duration, and their rates per duration."""
+    progress = fractions**3 * (10.0 + fractions * (-15.0 + 6.0 * fractions))
+    progress_rate = 30.0 * (fractions * (1.0 - fractions)) ** 2
+    positions, tangents = _spline(waypoints, progress)
+    return positions, tangents * progress_rate[:, None]
+
+
+def _spline(waypoints: Array, progress: Array) -> tuple[Array, Array]:
+    """Evaluate the Hermite spline and its derivative at `progress` in [0, 1]."""
+    chords = np.linalg.norm(np.diff(waypoints, axis=0), axis=1)
+    knots = np.concatenate([[0.0], np.cumsum(np.maximum(chords, 1e-9))])
+    knots /= knots[-1]
+    slopes = np.gradient(waypoints, knots, axis=0)
+    left = np.clip(np.searchsorted(knots, progress, "right") - 1, 0, len(chords) - 1)
+    width = (knots[left + 1] - knots[left])[:, None]
+    u = (progress - knots[left])[:, None] / width
+    start, end = waypoints[left], waypoints[left + 1]
+    start_slope, end_slope = width * slopes[left], width * slopes[left + 1]
+    bend = 2.0 * (start - end) + start_slope + end_slope
+    rise = 3.0 * (end - start) - 2.0 * start_slope - end_slope
+    positions = start + u * (start_slope + u * (rise + u * bend))
+    tangents = (start_slope + u * (2.0 * rise + 3.0 * u * bend)) / width
+    return positions, tangents

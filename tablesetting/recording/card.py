@@ -1,0 +1,73 @@
+"""The run card: what was run with which settings, and what came of it."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import rerun as rr
+
+from tablesetting.recording.entities import RUN_CARD
+from tablesetting.recording.views import RunCard
+
+_LEGEND = (
+    "On the table lies the reward of the MAP hypothesis, yellow where it is high. "
+    "Magenta marks the demonstration, white the best placement under that reward, "
+    "orange the commanded placement and red the place where the item settled."
+)
+
+
+def log_card(stream: rr.RecordingStream, card: RunCard) -> None:
+    """Log the card as a text, and as properties that programs can query."""
+    versions: dict[str, Any] = {
+        f"version_{name}": version for name, version in card.versions.items()
+    }
+    properties = rr.AnyValues(
+        task=card.task, strategy=card.strategy, seed=card.seed, **versions
+    )
+    stream.send_property("run", properties)
+    log_summary(stream, card, {})
+
+
+def log_summary(
+    stream: rr.RecordingStream, card: RunCard, summary: Mapping[str, object]
+) -> None:
+    """Log the card anew, with the final figures."""
+    document = rr.TextDocument(
+        card_markdown(card, summary), media_type=rr.MediaType.MARKDOWN
+    )
+    stream.log(RUN_CARD, document, static=True)
+
+
+def card_markdown(card: RunCard, summary: Mapping[str, object]) -> str:
+    """Write the run card: settings, versions and, at the end, the final figures."""
+    settings = {
+        "strategy": card.strategy,
+        "seed": card.seed,
+        "item": card.item,
+        "objects": ", ".join(card.objects),
+    }
+    sections = [f"# Task {card.task}", _table("setting", settings), _LEGEND]
+    if summary:
+        sections += ["## Final figures", _table("figure", summary)]
+    sections += ["## Versions", _table("package", card.versions)]
+    return "\n\n".join(sections)
+
+
+def _table(header: str, rows: Mapping[str, object]) -> str:
+    lines = [f"| {header} | |", "|---|---|"]
+    cells = _flatten(rows)
+    return "\n".join(lines + [f"| {key} | {_cell(v)} |" for key, v in cells.items()])
+
+
+def _flatten(rows: Mapping[str, object]) -> dict[str, object]:
+    """Give the figures of a group a row each."""
+    flat: dict[str, object] = {}
+    for key, value in rows.items():
+        if isinstance(value, Mapping):
+            flat |= {f"{key}: {name}": inner for name, inner in value.items()}
+        else:
+            flat[key] = value
+    return flat
+
+
+def _cell(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

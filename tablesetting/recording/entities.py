@@ -1,0 +1,30 @@
+"""Where each thing lies in a recording; the recorder, the views and the story agree here."""
+
+SIM_TIME = "sim_time"
+"""Timeline of the whole run, in [s]: the episodes follow one another."""
+NUM_DEMOS = "num_demos"
+"""Timeline of learning: demonstrations learned from so far."""
+
+WORLD = "/world"
+BODIES = f"{WORLD}/bodies"
+REWARD_MAP = f"{WORLD}/reward_map"
+MARKERS = f"{WORLD}/markers"
+OBJECT_NAMES = f"{MARKERS}/objects"
+DEMONSTRATION = f"{MARKERS}/demonstration"
+MAP_PLACEMENT = f"{MARKERS}/map_placement"
+COMMANDED = f"{MARKERS}/commanded"
+SETTLED = f"{MARKERS}/settled"
+
+CURVES = "/curves"
+VAR_BOUND = f"{CURVES}/var_bound"
+MEAN_ERROR = f"{CURVES}/mean_error"
+MAX_ERROR = f"{CURVES}/max_error"
+EXECUTION_ERROR = "/execution/error_mm"
+
+CANDIDATES = "/candidates"
+OTHERS_VAR = f"{CANDIDATES}/not_asked"
+ASKED_VAR = f"{CANDIDATES}/asked"
+
+PHASE = "/phase"
+ROUND_TEXT = "/round"
+RUN_CARD = "/run"

@@ -1,0 +1,49 @@
+"""What is said of a round, in Markdown."""
+
+import numpy as np
+
+from tablesetting.recording.views import Array, ExecutionView, RoundView
+from tablesetting.scene.table import TableFrame
+
+
+def round_markdown(
+    view: RoundView, frame: TableFrame, execution: ExecutionView | None = None
+) -> str:
+    """Write what is known in a round, and how the arm fared once it has acted."""
+    lines = [
+        f"- VaR bound {view.var_bound:.3f}, placement error on test layouts: "
+        f"mean {view.mean_placement_error:.3f}, "
+        f"max {view.max_placement_error:.3f} (table units)",
+        f"- MAP placement {_point(view.robot_placement)}",
+    ]
+    if view.demo_placement is not None:
+        error = distance_mm(frame, view.robot_placement, view.demo_placement)
+        lines.append(
+            f"- Demonstration {_point(view.demo_placement)}: learning error {error:.1f} mm"
+        )
+    if execution is not None:
+        lines.append(f"- {_execution_sentence(execution, frame)}")
+    title = f"# After {view.num_demos} demonstration{'s'[: view.num_demos != 1]}"
+    return "\n\n".join([title, view.reason, "\n".join(lines)])
+
+
+def _execution_sentence(execution: ExecutionView, frame: TableFrame) -> str:
+    """Say in one line where the item was to go and where it went."""
+    start = f"Commanded {_point(execution.commanded)}"
+    if execution.settled is not None:
+        error = distance_mm(frame, execution.commanded, execution.settled)
+        start += (
+            f", settled {_point(execution.settled)}: execution error {error:.2f} mm"
+        )
+    if execution.failure is not None:
+        return f"{start}, failed: {execution.failure}"
+    return f"{start}, success"
+
+
+def distance_mm(frame: TableFrame, a: Array, b: Array) -> float:
+    """Measure how far apart two placements lie on the table, in [mm]."""
+    return float(1e3 * np.linalg.norm(frame.to_world(a) - frame.to_world(b)))
+
+
+def _point(placement: Array) -> str:
+    return f"({placement[0]:.3f}, {placement[1]:.3f})"

@@ -1,0 +1,82 @@
+"""What a recording shows of a run, as plain records."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RunCard:
+    """What was run, known before the work starts.
+
+    Attributes:
+        task: Name of the task.
+        strategy: Name of the query strategy.
+        seed: Seed of the whole run.
+        objects: Names of the objects, in the order of a layout's rows.
+        item: Name of the item that is placed.
+        versions: Version of each package that the run depends on.
+    """
+
+    task: str
+    strategy: str
+    seed: int
+    objects: tuple[str, ...]
+    item: str
+    versions: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class RoundView:
+    """One round of learning: where was asked, why, and what is known by then.
+
+    Positions are in table units [0, 1].
+
+    Attributes:
+        num_demos: Demonstrations learned from so far.
+        centers: Queried layout, one row per object, shape (K, 2).
+        reward_map: MAP reward in the queried layout on a grid of points that spans the
+            unit square, edges included, shape (n, n); the first row is y = 0, the
+            first column x = 0.
+        candidate_var: Value at risk of each candidate layout, shape (C,), in table units.
+        asked: Index of the candidate that is asked about.
+        robot_placement: Best placement under the MAP reward, shape (2,).
+        demo_placement: The demonstrator's answer, shape (2,); None where the run
+            stopped before it asked.
+        var_bound: Largest value at risk over the candidates, in table units.
+        mean_placement_error: Mean over the test layouts, in table units.
+        max_placement_error: Maximum over the test layouts, in table units.
+        reason: Why this layout was asked about, Markdown.
+    """
+
+    num_demos: int
+    centers: Array
+    reward_map: Array
+    candidate_var: Array
+    asked: int
+    robot_placement: Array
+    demo_placement: Array | None
+    var_bound: float
+    mean_placement_error: float
+    max_placement_error: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class ExecutionView:
+    """How the arm fared in the layout of the current round.
+
+    Attributes:
+        commanded: Where the item was to be placed, shape (2,), in table units.
+        settled: Where the item came to rest, shape (2,), in table units; None
+            where it was never placed.
+        failure: What went wrong; None if the placement succeeded.
+    """
+
+    commanded: Array
+    settled: Array | None
+    failure: str | None

@@ -1,0 +1,164 @@
+"""The run folder: settings first, rows as they come, a summary last.
+
+A file under its final name is complete: all but the growing table of rows are written
+to a temporary name and then renamed.
+"""
+
+import csv
+import json
+import os
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from tablesetting import __version__
+from tablesetting.errors import InvalidFile, OutputError
+
+CONFIG = "config.json"
+ROUNDS = "rounds.csv"
+SUMMARY = "summary.json"
+RECORDING = "recording.rrd"
+
+_PACKAGES = ("mujoco", "dm-control", "mink", "rerun-sdk", "numpy")
+
+
+def package_versions() -> dict[str, str]:
+    """Return the version of every package that results depend on."""
+    installed = {name: version(name) for name in _PACKAGES}
+    return installed | {"tablesetting": __version__}
+
+
+class RunFolder:
+    """A folder that one run writes into.
+
+    Attributes:
+        path: Where it is.
+    """
+
+    def __init__(self, path: Path):
+        self.path = path
+
+    @classmethod
+    def create(cls, path: Path, *, overwrite: bool = False) -> "RunFolder":
+        """Make an empty folder.
+
+        Args:
+            path: Where; parents are made as needed.
+            overwrite: Whether an earlier run there may be replaced.
+
+        Raises:
+            OutputError: If something else is there, or it cannot be written.
+        """
+        try:
+            if path.exists():
+                _clear(path, overwrite=overwrite)
+            path.mkdir(parents=True)
+        except OSError as error:
+            raise OutputError(
+                f"cannot write to '{path}': {error.strerror}; choose another --out"
+            ) from error
+        return cls(path)
+
+    def write_json(self, name: str, content: Mapping[str, Any]) -> None:
+        """Write a JSON file, atomically."""
+        text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+        self.write(name, lambda path: path.write_text(text, encoding="utf-8"))
+
+    def write(self, name: str, save: Callable[[Path], object]) -> None:
+        """Let `save` write a temporary file, then give it its name.
+
+        Raises:
+            OutputError: If it cannot be written; no half of it remains.
+        """
+        final = self.path / name
+        # The suffix stays last: savers go by it.
+        temporary = final.with_name(f".{os.getpid()}-{final.name}")
+        try:
+            final.parent.mkdir(exist_ok=True)
+            save(temporary)
+            temporary.replace(final)
+        except OSError as error:
+            raise OutputError(
+                f"cannot write '{final}': {error.strerror}; free some space or "
+                "choose another --out"
+            ) from error
+        finally:
+            temporary.unlink(missing_ok=True)
+
+    def append_row(self, row: Mapping[str, Any], name: str = ROUNDS) -> None:
+        """Append a row to a table, which takes its header from the first one."""
+        path = self.path / name
+        try:
+            is_new = not path.exists()
+            with path.open("a", newline="", encoding="utf-8") as file:
+                writer = csv.DictWriter(file, list(row), lineterminator="\n")
+                if is_new:
+                    writer.writeheader()
+                writer.writerow(row)
+        except OSError as error:
+            raise OutputError(
+                f"cannot write '{path}': {error.strerror}; free some space"
+            ) from error
+
+
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """Read a table back, one dict per row, every value as text.
+
+    Raises:
+        InvalidFile: If there is none or it is not a table.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            return list(csv.DictReader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InvalidFile(f"cannot read '{path}': {error}") from error
+
+
+def read_json(path: Path, expected_format: str) -> dict[str, Any]:
+    """Read a JSON file of the project.
+
+    Args:
+        path: The file.
+        expected_format: The value that its field "format" must have.
+
+    Raises:
+        InvalidFile: If it cannot be read, is not JSON, or is of another format.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InvalidFile(
+            f"cannot read '{path}': {error.strerror}; check the path"
+        ) from error
+    except (ValueError, RecursionError) as error:
+        raise InvalidFile(f"'{path}' is not valid JSON: {error}") from error
+    found = content.get("format") if isinstance(content, dict) else None
+    if found != expected_format:
+        raise InvalidFile(
+            f"'{path}' has the format {found!r}; expected '{expected_format}'"
+        )
+    return content
+
+
+def numbers(rows: Sequence[Mapping[str, str]], column: str) -> list[float]:
+    """Return a column as numbers; an empty cell becomes NaN."""
+    return [float(row[column]) if row[column] else float("nan") for row in rows]
+
+
+def _clear(path: Path, *, overwrite: bool) -> None:
+    """Remove an earlier run, and nothing but a run."""
+    if path.is_dir() and not any(path.iterdir()):
+        path.rmdir()
+        return
+    if not overwrite:
+        raise OutputError(
+            f"'{path}' exists already; choose another --out or pass --overwrite"
+        )
+    if not (path / CONFIG).is_file():
+        raise OutputError(
+            f"'{path}' is not a run folder, so it is not overwritten; "
+            "choose another --out"
+        )
+    shutil.rmtree(path)

@@ -1,0 +1,1 @@
+"""Placement rewards: RBFs on objects and table, and where the item is best put."""

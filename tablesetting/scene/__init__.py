@@ -1,0 +1,1 @@
+"""The table, what stands on it, and the arm, in MuJoCo."""

@@ -1,0 +1,195 @@
+"""A laid table with its robot: compiled once, posed many times."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from tablesetting.errors import InvalidLayout
+from tablesetting.scene import robot
+from tablesetting.scene.jaw import MAX_OPENING
+from tablesetting.scene.props import make_prop
+from tablesetting.scene.table import Table, TableFrame
+
+Array = npt.NDArray[np.float64]
+
+STAGING: Final = (0.46, -0.19)
+"""Where the item stands before it is picked, in the world's xy plane, in [m]."""
+
+_SETTLE_TIME: Final = 0.3  # [s]
+_TOUCH: Final = -1e-4  # Props that penetrate less than this just touch, in [m].
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """What the world looks like at one moment.
+
+    Attributes:
+        time: Simulated time since the reset, in [s].
+        positions: Origin of every body of the model, shape (nbody, 3), in [m].
+        quaternions: Orientation of every body, shape (nbody, 4), as wxyz.
+        phase: What the robot is doing, such as "lift".
+    """
+
+    time: float
+    positions: Array
+    quaternions: Array
+    phase: str
+
+
+class Scene:
+    """A table, the objects of a task, the item to place, and the robot.
+
+    Attributes:
+        model: The compiled model.
+        data: Its state; owned by the scene, free to read.
+        frame: Maps table units to the world.
+        objects: Names of the objects in the order of a layout's rows.
+        item: Name of the prop that the robot places.
+        robot: Where the robot is found in `model`.
+        body_ids: Body of every prop, by name.
+    """
+
+    def __init__(
+        self, objects: Sequence[str], item: str, frame: TableFrame | None = None
+    ) -> None:
+        """Compile the scene.
+
+        Args:
+            objects: Names of the props that stand on the table; each occurs once.
+            item: Name of the prop to be placed.
+            frame: Maps table units to the world; the default table if None.
+
+        Raises:
+            ValueError: If a name occurs twice.
+            TableSettingError: If there is no prop of a name.
+        """
+        names = (*objects, item)
+        if len(set(names)) != len(names):
+            raise ValueError(f"every prop may occur once; got {list(names)}")
+        self.frame = TableFrame() if frame is None else frame
+        self.objects = tuple(objects)
+        self.item = item
+        self.model = _compile(names, self.frame)
+        self.data = mujoco.MjData(self.model)
+        self.robot = robot.RobotIndex.of(self.model)
+        self.body_ids: Mapping[str, int] = MappingProxyType(
+            {name: self.model.body(f"{name}/").id for name in names}
+        )
+
+    def reset(self, centers: Array) -> None:
+        """Lay the table anew and let everything come to rest.
+
+        Every object stands upright at its centre, the item at the staging spot, the
+        arm at home with its jaw half open.
+
+        Args:
+            centers: One row per object, shape (K, 2), in table units.
+
+        Raises:
+            InvalidLayout: If the shape is wrong, a coordinate is not a number, an
+                object stands off the table or two props stand in each other.
+        """
+        self.lay(centers)
+        self._check_overlaps()
+        self.step(round(_SETTLE_TIME / self.model.opt.timestep))
+        self.data.time = 0.0
+
+    def lay(self, centers: Array) -> None:
+        """Pose everything as `reset` does, without physics: objects may overlap.
+
+        Args:
+            centers: One row per object, shape (K, 2), in table units.
+
+        Raises:
+            InvalidLayout: If the shape is wrong, a coordinate is not a number or an
+                object stands off the table.
+        """
+        centers = np.asarray(centers, dtype=np.float64)
+        self._check_centers(centers)
+        mujoco.mj_resetData(self.model, self.data)
+        for name, xy in zip(self.objects, self.frame.to_world(centers), strict=True):
+            self._stand(name, xy)
+        self._stand(self.item, np.array(STAGING))
+        self._home_robot()
+        mujoco.mj_forward(self.model, self.data)
+
+    def step(self, num_steps: int = 1) -> None:
+        """Advance the simulation under the current controls."""
+        mujoco.mj_step(self.model, self.data, num_steps)
+
+    def snapshot(self, phase: str = "") -> Snapshot:
+        """Copy the poses of all bodies."""
+        return Snapshot(
+            time=self.data.time,
+            positions=self.data.xpos.copy(),
+            quaternions=self.data.xquat.copy(),
+            phase=phase,
+        )
+
+    def position(self, name: str) -> Array:
+        """Centre of a prop's footprint in the world, shape (3,), in [m]."""
+        return self.data.xpos[self.body_ids[name]].copy()
+
+    def rotation(self, name: str) -> Array:
+        """Orientation of a prop, a matrix of shape (3, 3)."""
+        return self.data.xmat[self.body_ids[name]].reshape(3, 3).copy()
+
+    def tilt(self, name: str) -> float:
+        """Angle between a prop's axis and the vertical, in [rad]."""
+        axis = self.rotation(name)[:, 2]
+        return float(np.arctan2(np.hypot(axis[0], axis[1]), axis[2]))
+
+    def yaw(self, name: str) -> float:
+        """Heading of a prop about the vertical in (-pi, pi], 0 as laid, in [rad]."""
+        rotation = self.rotation(name)
+        return float(np.arctan2(rotation[1, 0], rotation[0, 0]))
+
+    def _stand(self, name: str, xy: Array) -> None:
+        body = self.model.body(self.body_ids[name])
+        start = self.model.jnt_qposadr[body.jntadr[0]]
+        self.data.qpos[start : start + 7] = [*xy, 0.0, 1.0, 0.0, 0.0, 0.0]
+
+    def _home_robot(self) -> None:
+        opening = MAX_OPENING / 2
+        self.robot.set_posture(self.data, robot.HOME, opening)
+        self.data.ctrl[self.robot.arm_ctrl] = robot.HOME
+        self.data.ctrl[self.robot.jaw_ctrl] = opening
+
+    def _check_centers(self, centers: Array) -> None:
+        if centers.shape != (len(self.objects), 2):
+            raise InvalidLayout(
+                f"a layout of {', '.join(self.objects)} has shape "
+                f"({len(self.objects)}, 2); got {centers.shape}"
+            )
+        inside = (centers >= 0.0) & (centers <= 1.0)  # False for NaN, too.
+        for name, center, is_inside in zip(self.objects, centers, inside, strict=True):
+            if not is_inside.all():
+                raise InvalidLayout(
+                    f"{name} is off the table at {center.round(3).tolist()}; both "
+                    "coordinates must be in [0, 1]"
+                )
+
+    def _check_overlaps(self) -> None:
+        names = {body: name for name, body in self.body_ids.items()}
+        contact = self.data.contact
+        roots = self.model.body_rootid[self.model.geom_bodyid[contact.geom]]
+        for pair, distance in zip(roots, contact.dist, strict=True):
+            if distance < _TOUCH and all(int(body) in names for body in pair):
+                first, second = (names[int(body)] for body in pair)
+                raise InvalidLayout(
+                    f"{first} and {second} stand {-1e3 * distance:.1f} mm inside each "
+                    "other; move their centers apart"
+                )
+
+
+def _compile(names: Sequence[str], frame: TableFrame) -> mujoco.MjModel:
+    table = Table(frame)
+    robot.add_robot(table)
+    for name in names:
+        table.add_free_entity(make_prop(name))
+    return robot.compile_model(table)

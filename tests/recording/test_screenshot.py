@@ -1,0 +1,30 @@
+from pathlib import Path
+
+import matplotlib.image
+import pytest
+
+from tablesetting.errors import InvalidFile
+from tablesetting.recording.screenshot import NoViewer, screenshot
+
+
+def test_a_picture_shows_the_run(recorded: Path, tmp_path):
+    output = tmp_path / "picture.png"
+    try:
+        screenshot(recorded, output, sim_time=0.1, size=(800, 600))
+    except NoViewer as error:
+        pytest.skip(str(error))
+    picture = matplotlib.image.imread(output)
+    assert picture.shape[:2] == (600, 800)
+    assert picture[100:300, 50:400].std() > 0.05
+
+
+def test_a_missing_recording_is_refused_before_a_viewer_starts(tmp_path):
+    with pytest.raises(InvalidFile, match="no recording at"):
+        screenshot(tmp_path / "nowhere.rrd", tmp_path / "picture.png")
+
+
+def test_without_a_driver_the_remedy_is_named(recorded: Path, tmp_path, monkeypatch):
+    monkeypatch.setenv("VK_DRIVER_FILES", str(tmp_path))
+    monkeypatch.setenv("VK_ICD_FILENAMES", str(tmp_path))
+    with pytest.raises(NoViewer, match="apt-get install mesa-vulkan-drivers"):
+        screenshot(recorded, tmp_path / "picture.png")
