@@ -13,7 +13,7 @@ from tablesetting.scene.scene import Scene
 Array = npt.NDArray[np.float64]
 
 _MARGIN: Final = 0.002
-"""The robot and what it holds keep this distance from bystanders, in [m]."""
+"""Robot and held item keep this far from bystanders, the robot from itself; [m]."""
 _TOUCH: Final = 0.0005
 """How deep the item may sink into the table and the pads into the item, in [m]."""
 
@@ -75,7 +75,8 @@ class CollisionChecker:
             names = (self._owners[geom] for geom in contact.geom[k])
             mover, other = sorted(names, key=self._bystanders.__contains__)
             distance = float(contact.dist[k])
-            if distance < (_MARGIN if other in self._bystanders else -_TOUCH):
+            must_keep_away = other == mover or other in self._bystanders
+            if distance < (_MARGIN if must_keep_away else -_TOUCH):
                 return _describe(mover, other, distance)
         return None
 
@@ -102,7 +103,7 @@ def _inflated(scene: Scene) -> mujoco.MjModel:
 
 def _describe(first: str, second: str, distance: float) -> str:
     if first == second:
-        return f"the {first} would hit itself"
+        return f"the {first} would get in its own way"
     if distance < 0.0:
         return f"{first} and {second} would meet, {-1e3 * distance:.1f} mm deep"
     return f"{first} and {second} would pass at {1e3 * distance:.1f} mm"
