@@ -1,10 +1,13 @@
 """Learn where a person wants things on a table, and bound how wrong that is."""
 
+import contextlib
+import io
+import itertools
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from contextlib import closing
 from datetime import datetime
 from pathlib import Path
 
@@ -39,19 +42,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns:
         The exit code: 0, 1 (the work failed), 2 (bad input) or 130 (interrupted).
     """
-    configs: dict[str, Callable[..., object]] = {
-        "run": RunConfig,
-        "inspect": InspectConfig,
-        "doctor": DoctorConfig,
-    }
-    config = tyro.extras.subcommand_cli_from_dict(
-        configs, prog="tablesetting", description=__doc__, args=argv
-    )
     commands: dict[type, Callable[..., int]] = {
         RunConfig: _run,
         InspectConfig: _inspect,
         DoctorConfig: _doctor,
     }
+    config = _parse(argv)
     try:
         return commands[type(config)](config)
     except (InvalidFile, InvalidLayout, OutputError) as error:
@@ -65,6 +61,42 @@ def main(argv: Sequence[str] | None = None) -> int:
         return INTERRUPTED
 
 
+def _parse(argv: Sequence[str] | None) -> object:
+    """Parse the arguments; a mistake in them is told in one line."""
+    configs: dict[str, Callable[..., object]] = {
+        "run": RunConfig,
+        "inspect": InspectConfig,
+        "doctor": DoctorConfig,
+    }
+    complaint = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(complaint):
+            return tyro.extras.subcommand_cli_from_dict(
+                configs,
+                prog="tablesetting",
+                description=__doc__,
+                args=argv,
+                config=(tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff),
+            )
+    except SystemExit as stop:
+        if stop.code:
+            print(f"error: {_unbox(complaint.getvalue())}", file=sys.stderr)
+        raise
+
+
+def _unbox(text: str) -> str:
+    """Take the message out of the box that tyro draws around it."""
+    lines = [line.strip("│| ") for line in text.splitlines()[1:]]
+    body = itertools.dropwhile(_is_rule, lines)
+    message = itertools.takewhile(lambda line: not _is_rule(line), body)
+    return re.sub(r"^Error parsing \w+Config: ", "", " ".join(message))
+
+
+def _is_rule(line: str) -> bool:
+    """Tell whether a line is empty or drawn; how to get help follows the last one."""
+    return not line.strip("─╰╯-+ ")
+
+
 def _run(config: RunConfig) -> int:
     from tablesetting.experiments.run import run
     from tablesetting.experiments.setup import RunSetup
@@ -75,7 +107,7 @@ def _run(config: RunConfig) -> int:
     num_rounds = 0
     try:
         with (
-            closing(run(config, setup, folder)) as rounds,
+            contextlib.closing(run(config, setup, folder)) as rounds,
             tqdm(total=config.num_queries + 1, unit="round", disable=None) as bar,
         ):
             for latest in rounds:

@@ -3,13 +3,18 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Any, Literal
 
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
 TaskName = Literal["vase", "spoon"]
 StrategyName = Literal["active-var", "random"]
 PresetName = Literal["default", "paper"]
+
+
+def _by_preset(default: str, paper: str) -> Any:
+    """Say in the help what an option is by default, under either preset."""
+    return arg(help_behavior_hint=f"(default: {default}; paper preset: {paper})")
 
 
 @dataclass(frozen=True)
@@ -28,29 +33,30 @@ class RunConfig:
     preset: PresetName = "default"
     """`default` is statistically sound and physical; `paper` reproduces the published
     curves, with objects that are points."""
-    candidates: Literal["any", "one-moved"] | None = None
-    """Layouts to choose from: anew, or the last one with one object moved. By default
-    `any`, with the paper preset `one-moved`."""
+    candidates: Annotated[
+        Literal["any", "one-moved"] | None, _by_preset("any", "one-moved")
+    ] = None
+    """Layouts to choose from: drawn anew, or the last one with one object moved."""
     num_candidates: int = 50
     """Layouts to choose from in each round."""
-    first_layout: str | None = None
-    """`random`, `paper` or a file of one layout. By default `random`, with the paper
-    preset `paper` where the task has one."""
-    layouts: str | None = None
-    """Test layouts: `valid`, `uniform` or a file. By default `valid`, with the paper
-    preset `uniform`."""
+    first_layout: Annotated[
+        str | None, _by_preset("random", "paper where the task has one")
+    ] = None
+    """Where the first demonstration is given: `random`, `paper` or a file."""
+    layouts: Annotated[str | None, _by_preset("valid", "uniform")] = None
+    """Test layouts: physically `valid`, `uniform` points, or a file."""
     num_layouts: int = 200
     """Test layouts drawn."""
-    epsilon: float | None = None
-    """Stop once the value at risk of every candidate is below this, in table units. By
-    default 0.05, with the paper preset 0: never."""
-    execute: int | None = None
-    """Queried layouts in which the arm acts. By default all, with the paper preset
-    none."""
+    epsilon: Annotated[float | None, _by_preset("0.05", "0, never")] = None
+    """Stop once the value at risk of every candidate is below this, in table units."""
+    execute: Annotated[int | None, _by_preset("all", "0")] = None
+    """Queried layouts in which the arm acts."""
     seed: int = 0
     """Seed of all randomness."""
-    out: Path | None = None
-    """Run folder; by default runs/run/TASK-STAMP."""
+    out: Annotated[
+        Path | None, arg(help_behavior_hint="(default: runs/run/TASK-STAMP)")
+    ] = None
+    """Run folder."""
     overwrite: bool = False
     """Replace an earlier run in the folder."""
 
@@ -85,11 +91,10 @@ class InspectConfig:
     """Print the story of the run; needs no viewer."""
     web: bool = False
     """Serve the viewer on this machine, for a browser."""
-    screenshot: Path | None = None
+    screenshot: Annotated[Path | None, arg(help_behavior_hint="")] = None
     """Render the recording without a display and write a PNG."""
-    at: float | None = None
-    """Time on the recording's clock that the screenshot shows, in seconds; by default
-    its end."""
+    at: Annotated[float | None, arg(help_behavior_hint="(default: its end)")] = None
+    """Time on the recording's clock that the screenshot shows, in seconds."""
 
     def __post_init__(self) -> None:
         chosen = [self.text, self.web, self.screenshot is not None]

@@ -22,7 +22,8 @@ _KNOWN_GOOD = {
 }
 """The releases that are tested together."""
 
-_REACH_TICKS = np.linspace(0.0, 1.0, 5)
+_REACH_TICKS = (0.0, 0.25, 0.5, 0.75, 1.0)
+_REACHED_WHEN_WELL = 23  # The near edge, and the far corners with a vase, are out.
 _GL_BACKENDS = ("egl", "osmesa")
 _GL_PROBE = """
 import mujoco
@@ -117,14 +118,11 @@ def _reach() -> Finding:
     """Plan a placement of the vase at points all over an empty table."""
     scene = Scene((), "vase")
     scene.reset(np.empty((0, 2)))
-    points = [(x, y) for y in _REACH_TICKS for x in _REACH_TICKS]
-    missed = [
-        point
-        for point in points
-        if not isinstance(plan(scene, scene.frame.to_world(np.array(point))), Plan)
-    ]
-    detail = f"{len(points) - len(missed)} of {len(points)} points of the square"
-    if not missed:
+    points = np.array([(x, y) for y in _REACH_TICKS for x in _REACH_TICKS])
+    plans = [plan(scene, target) for target in scene.frame.to_world(points)]
+    num_reached = sum(isinstance(found, Plan) for found in plans)
+    detail = f"{num_reached} of {len(points)} points of the square; others are refused"
+    if num_reached >= _REACHED_WHEN_WELL:
         return Finding("reach of the arm", detail)
-    remedy = f"reinstall mink and daqp; the first point missed is {missed[0]}"
+    remedy = "install the releases of constraints.txt"
     return Finding("reach of the arm", detail, False, remedy)

@@ -10,7 +10,6 @@ from tablesetting.scene.robot import BASE_POSITION
 
 Array = npt.NDArray[np.float64]
 
-
 _APPROACH_GAP: Final = 0.015  # [m]
 _RELEASE_GAP: Final = 0.008  # [m]
 

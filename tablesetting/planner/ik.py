@@ -4,7 +4,7 @@ Differential inverse kinematics (mink), iterated until it converges. Knows nothi
 tables or items: a model, the name of a site and a posture to stay close to are enough.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import mink
@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+
+_HINGE: Final = mujoco.mjtJoint.mjJNT_HINGE
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,9 @@ class IkSolver:
         self._posture_task = mink.PostureTask(model, cost=self._POSTURE_COST)
         self._posture_task.set_target(self._posture)
         self._limits = [mink.ConfigurationLimit(model)]
-        self._is_continuous = _continuous_joints(model)
+        is_limited = model.jnt_limited == 1
+        self._range = np.where(is_limited, model.jnt_range.T, [[-np.inf], [np.inf]])
+        self._is_continuous = (model.jnt_type == _HINGE) & ~is_limited
 
     def solve(
         self, position: Array, rotation: Array, start: Array | None = None
@@ -125,9 +129,7 @@ class IkSolver:
         for _ in range(self.config.num_restarts):
             if result.is_solved:
                 break
-            scatter = rng.normal(0.0, self.config.restart_std, self._posture.size)
-            retry = self._descend(self._posture + scatter)
-            result = min(result, retry, key=lambda candidate: candidate.position_error)
+            result = min(result, self._descend(self._scatter(rng)), key=_badness)
         return self._unwind(result, start)
 
     def forward(self, configuration: Array) -> tuple[Array, Array]:
@@ -156,6 +158,11 @@ class IkSolver:
             )
         return self._measure()
 
+    def _scatter(self, rng: np.random.Generator) -> Array:
+        """Draw a start around the posture, within the joint limits."""
+        offsets = rng.normal(0.0, self.config.restart_std, self._posture.size)
+        return np.clip(self._posture + offsets, *self._range)
+
     def _measure(self) -> IkResult:
         error = self._pose_task.compute_error(self._state)
         position_error = float(np.linalg.norm(error[:3]))
@@ -172,14 +179,8 @@ class IkSolver:
         """Turn the joints without limits by whole turns towards `start`."""
         turns = np.round((start - result.configuration) / (2 * np.pi))
         configuration = result.configuration + 2 * np.pi * turns * self._is_continuous
-        return IkResult(
-            configuration,
-            result.position_error,
-            result.orientation_error,
-            result.is_solved,
-        )
+        return replace(result, configuration=configuration)
 
 
-def _continuous_joints(model: mujoco.MjModel) -> npt.NDArray[np.bool_]:
-    is_hinge = model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
-    return is_hinge & (model.jnt_limited == 0)
+def _badness(result: IkResult) -> tuple[bool, float]:
+    return not result.is_solved, result.position_error

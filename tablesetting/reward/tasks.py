@@ -76,7 +76,7 @@ VASE = PlacementTask(
     objects=("plate", "bowl", "glass", "cup"),
     object_weights=(-0.1, -0.1, -0.1, -0.1),
     table_weights=(0.0, 0.0, 0.0, 0.0, 0.6, 0.0, 0.0, 0.0, 0.0),
-    clearance=0.03,
+    clearance=0.024,
     first_layout=((0.25, 0.75), (0.75, 0.75), (0.25, 0.25), (0.75, 0.25)),
 )
 """The vase in the centre of the table, away from the objects."""
@@ -87,7 +87,7 @@ SPOON = PlacementTask(
     objects=("bowl", "plate", "cup", "glass", "fork", "knife"),
     object_weights=(1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     table_weights=(0.0,) * 9,
-    clearance=0.05,
+    clearance=0.04,
     receptacles=("bowl",),
 )
 """The spoon in the bowl."""

@@ -70,16 +70,12 @@ def test_the_arm_returns_home(vase_scene):
 
 
 def test_snapshots_come_evenly_and_tell_the_phase(vase_scene):
-    snapshots = list(execute(vase_scene, plan(vase_scene, FREE), frame_rate=25.0))
+    found = plan(vase_scene, FREE)
+    snapshots = list(execute(vase_scene, found, frame_rate=25.0))
     times = np.array([snapshot.time for snapshot in snapshots])
     np.testing.assert_allclose(np.diff(times), 0.04, atol=1e-9)
     phases = list(dict.fromkeys(snapshot.phase for snapshot in snapshots))
-    assert phases == [step.phase for step in plan_phases(vase_scene)]
-
-
-def plan_phases(scene):
-    scene.reset(np.array([[0.2, 0.3], [0.7, 0.7], [0.2, 0.75], [0.75, 0.25]]))
-    return plan(scene, FREE).steps
+    assert phases == [step.phase for step in found.steps]
 
 
 def test_the_same_placement_twice_ends_bit_identically(spoon_scene):

@@ -71,3 +71,12 @@ def test_same_question_has_the_same_answer(solver):
     solver.solve(np.array([-0.1, 0.0, 0.1]), DOWN)
     second = solver.solve(target, DOWN)
     np.testing.assert_array_equal(first.configuration, second.configuration)
+
+
+def test_restarts_find_what_one_descent_misses():
+    twisted = POSTURE + np.array([2.5, 1.0, 1.0, 2.0, 2.0, 2.0, 0.0, 0.0])
+    target = np.array([0.05, 0.11, 0.19])
+    once = IkSolver(robot_model(), TCP_SITE, POSTURE, IkConfig(num_restarts=0))
+    assert not once.solve(target, DOWN, twisted).is_solved
+    often = IkSolver(robot_model(), TCP_SITE, POSTURE)
+    assert often.solve(target, DOWN, twisted).is_solved

@@ -95,3 +95,10 @@ def test_replanning_an_absurd_hold_is_refused(vase_scene):
     refusal = replan_placing(found, far_away)
     assert isinstance(refusal, Refusal)
     assert refusal.reason == "unreachable"
+
+
+def test_a_spoon_is_held_where_the_arm_can_reach_it(spoon_scene):
+    layout = [[0.2, 0.8], [0.8, 0.45], [0.5, 0.7], [0.1, 0.1], [0.1, 0.5], [0.3, 0.4]]
+    spoon_scene.reset(np.array(layout))
+    near, far = plan(spoon_scene, (0.09, -0.24)), plan(spoon_scene, (0.24, 0.24))
+    assert near.grasp.along > 0.0 > far.grasp.along

@@ -1,0 +1,22 @@
+"""Learn where the vase goes, without arm or recording."""
+
+from itertools import islice
+
+import numpy as np
+
+from tablesetting.irl.active import STRATEGIES, run_active
+from tablesetting.reward.problem import DEFAULT, PlacementProblem
+from tablesetting.reward.tasks import VASE
+
+rng = np.random.default_rng(0)
+problem = PlacementProblem(VASE, DEFAULT)
+first_layout = problem.space.sample(1, rng=rng)[0]
+rounds = run_active(
+    problem,
+    [problem.demonstrate(first_layout)],
+    STRATEGIES["active-var"],
+    problem.config.risk,
+    rng=rng,
+)
+for latest in islice(rounds, 3):
+    print(f"{len(latest.demos)} demonstrations: at risk {latest.var_bound:.3f}")

@@ -1,0 +1,224 @@
+import csv
+import json
+import shutil
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from tablesetting import cli
+from tablesetting.experiments import run as run_module
+from tablesetting.experiments.arm import place
+from tablesetting.recording.story import tell
+from tablesetting.reward.files import DEMONSTRATIONS_FORMAT, WEIGHTS_FORMAT
+from tablesetting.reward.layout import LayoutSpace
+from tablesetting.reward.rbf import TABLE_CENTERS
+from tablesetting.reward.tasks import SPOON, VASE
+
+SMALL = ("--num-candidates", "6", "--num-layouts", "12")
+
+
+def start(out, *options, task="vase"):
+    return cli.main(["run", task, "--out", str(out), *SMALL, *options])
+
+
+def rows_of(folder):
+    with (folder / "rounds.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def without_seconds(rows):
+    return [
+        {name: cell for name, cell in row.items() if not name.endswith("_seconds")}
+        for row in rows
+    ]
+
+
+def summary_of(folder):
+    return json.loads((folder / "summary.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def vase_run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("runs") / "vase"
+    assert start(folder, "--num-queries", "2", "--seed", "5") == 0
+    return folder
+
+
+def test_a_run_leaves_every_file_of_the_contract(vase_run):
+    names = {str(path.relative_to(vase_run)) for path in vase_run.rglob("*.*")}
+    assert names == {
+        "config.json",
+        "rounds.csv",
+        "summary.json",
+        "weights.json",
+        "demonstrations.json",
+        "posterior.npz",
+        "recording.rrd",
+        "figures/learning.png",
+        "figures/query_01.png",
+        "figures/query_02.png",
+        "figures/query_03.png",
+    }
+
+
+def test_every_asked_layout_is_executed_and_the_last_round_asks_nothing(vase_run):
+    *asked, last = rows_of(vase_run)
+    assert [row["num_demos"] for row in (*asked, last)] == ["1", "2", "3"]
+    for row in asked:
+        assert row["success"] == "True"
+        commanded = np.array([float(row["commanded_x"]), float(row["commanded_y"])])
+        settled = np.array([float(row["settled_x"]), float(row["settled_y"])])
+        error_mm = 500.0 * np.linalg.norm(settled - commanded)  # 0.5 m a unit.
+        assert error_mm == pytest.approx(float(row["execution_error_mm"]), abs=1e-4)
+        assert 0.0 < error_mm < 10.0
+    assert last["success"] == last["commanded_x"] == ""
+
+
+def test_the_vase_is_commanded_to_where_the_robot_wants_it(vase_run):
+    """Then the commanded is as far from the answer as the learning error says."""
+    answers = json.loads((vase_run / "demonstrations.json").read_text())
+    shown = [demo["placement"] for demo in answers["demonstrations"][1:]]
+    for row, answer in zip(rows_of(vase_run), shown, strict=False):
+        commanded = [float(row["commanded_x"]), float(row["commanded_y"])]
+        distance = np.linalg.norm(np.subtract(commanded, answer))
+        assert distance == pytest.approx(float(row["learning_error"]), abs=1e-6)
+
+
+def test_the_summary_agrees_with_the_rows(vase_run):
+    summary, rows = summary_of(vase_run), rows_of(vase_run)
+    assert summary["stopped"] == "budget"
+    assert summary["num_demos"] == 3
+    for name in ("mean_placement_error", "max_placement_error", "var_bound"):
+        assert summary[name] == pytest.approx(float(rows[-1][name]))
+    errors = [float(row["execution_error_mm"]) for row in rows[:-1]]
+    executions = summary["executions"]
+    assert executions["attempted"] == executions["succeeded"] == 2
+    assert executions["refused"] == 0
+    assert executions["max_error_mm"] == pytest.approx(max(errors), abs=1e-4)
+
+
+def test_learned_weights_and_demonstrations_are_written_in_their_formats(vase_run):
+    weights = json.loads((vase_run / "weights.json").read_text())
+    assert weights["format"] == WEIGHTS_FORMAT
+    assert weights["objects"] == list(VASE.objects)
+    values = weights["object_weights"] + weights["table_weights"]
+    assert np.abs(values).sum() == pytest.approx(1.0)
+    demos = json.loads((vase_run / "demonstrations.json").read_text())
+    assert demos["format"] == DEMONSTRATIONS_FORMAT
+    assert len(demos["demonstrations"]) == 3
+
+
+def test_the_person_shows_the_best_free_placement_of_a_plain_search(vase_run):
+    ticks = np.linspace(0.0, 1.0, 201)
+    grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
+    space = LayoutSpace.of_task(VASE, are_points=False)
+    demos = json.loads((vase_run / "demonstrations.json").read_text())
+    for demo in demos["demonstrations"]:
+        layout = np.array([demo["layout"][name] for name in VASE.objects])
+        centers = np.concatenate([layout, TABLE_CENTERS])
+
+        def reward(points, centers=centers):
+            squared = np.square(points[:, None] - centers).sum(axis=-1)
+            return np.exp(-squared / 0.3) @ VASE.true_weights
+
+        free = grid[space.free_space(layout).contains(grid)]
+        shown = np.array(demo["placement"])[None]
+        assert space.free_space(layout).contains(shown).all()
+        assert reward(shown)[0] >= reward(free).max()
+
+
+def test_the_recording_tells_every_round(vase_run):
+    story = tell(vase_run / "recording.rrd")
+    for text in ("1 demonstration", "2 demonstrations", "3 demonstrations", "budget"):
+        assert text in story
+
+
+def test_the_same_seed_gives_the_same_rows_in_a_fresh_process(vase_run, tmp_path):
+    again = tmp_path / "again"
+    options = ["--num-queries", "2", "--seed", "5", "--out", str(again), *SMALL]
+    command = [sys.executable, "-m", "tablesetting.cli", "run", "vase", *options]
+    subprocess.run(command, check=True, capture_output=True)
+    assert without_seconds(rows_of(again)) == without_seconds(rows_of(vase_run))
+    assert (again / "weights.json").read_text() == (
+        vase_run / "weights.json"
+    ).read_text()
+
+
+def test_a_bound_below_epsilon_stops_the_run(tmp_path):
+    assert start(tmp_path / "run", "--epsilon", "2", "--num-queries", "3") == 0
+    assert summary_of(tmp_path / "run")["stopped"] == "epsilon"
+    assert len(rows_of(tmp_path / "run")) == 1
+
+
+def test_objects_are_points_and_nothing_is_executed_in_the_paper_preset(tmp_path):
+    assert start(tmp_path / "run", "--preset", "paper", "--num-queries", "2") == 0
+    summary = summary_of(tmp_path / "run")
+    assert summary["executions"]["attempted"] == 0
+    assert summary["epsilon"] == 0.0
+    config = json.loads((tmp_path / "run" / "config.json").read_text())["resolved"]
+    expected = dict(zip(VASE.objects, map(list, VASE.first_layout), strict=True))
+    assert config["first_layout"] == expected
+
+
+def test_the_arm_acts_only_as_often_as_told(tmp_path):
+    options = ("--num-queries", "2", "--execute", "1", "--strategy", "random")
+    assert start(tmp_path / "run", *options, task="spoon") == 0
+    assert [row["success"] for row in rows_of(tmp_path / "run")] == ["True", "", ""]
+    story = tell(tmp_path / "run" / "recording.rrd")
+    assert "`random`" in story
+
+
+def test_the_spoon_is_commanded_beside_what_stands_on_the_table(tmp_path):
+    assert start(tmp_path / "run", "--num-queries", "1", task="spoon") == 0
+    row = rows_of(tmp_path / "run")[0]
+    commanded = np.array([float(row["commanded_x"]), float(row["commanded_y"])])
+    demos = json.loads((tmp_path / "run" / "demonstrations.json").read_text())
+    asked = demos["demonstrations"][1]["layout"]
+    layout = np.array([asked[name] for name in SPOON.objects])
+    space = LayoutSpace.of_task(SPOON, are_points=False)
+    assert space.free_space(layout, on_table=True).contains(commanded)
+
+
+def test_a_blocked_placement_is_refused_with_its_reason(vase_scene):
+    layout = np.array([[0.2, 0.3], [0.7, 0.7], [0.2, 0.75], [0.75, 0.25]])
+
+    class Silent:
+        def show(self, snapshot):
+            pass
+
+    attempt = place(vase_scene, Silent(), layout, layout[0])
+    assert attempt.is_refused
+    assert attempt.settled is None
+    assert "blocked" in attempt.failure
+
+
+def test_an_interrupted_run_keeps_what_was_finished(tmp_path, monkeypatch, capsys):
+    attempts = iter([place])
+
+    def place_once(*args):
+        try:
+            return next(attempts)(*args)
+        except StopIteration:
+            raise KeyboardInterrupt from None
+
+    monkeypatch.setattr(run_module, "place", place_once)
+    assert start(tmp_path / "run", "--num-queries", "3") == 130
+    error = capsys.readouterr().err
+    assert "interrupted; 1 finished round" in error
+    assert "Traceback" not in error
+    assert len(rows_of(tmp_path / "run")) == 1
+    assert not (tmp_path / "run" / "summary.json").exists()
+    assert "1 demonstration" in tell(tmp_path / "run" / "recording.rrd")
+
+
+def test_an_earlier_run_is_replaced_only_when_told(vase_run, tmp_path, capsys):
+    copy = tmp_path / "copy"
+    shutil.copytree(vase_run, copy)
+    before = (copy / "rounds.csv").read_text()
+    assert start(copy) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert (copy / "rounds.csv").read_text() == before
+    assert start(copy, "--overwrite", "--num-queries", "0") == 0
+    assert len(rows_of(copy)) == 1

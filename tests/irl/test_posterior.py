@@ -1,0 +1,81 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tablesetting.irl.posterior import infer_posterior
+from tablesetting.irl.sampler import McmcConfig, run_chains, sample_uniform_weights
+
+SHORT = McmcConfig(num_chains=3, num_steps=100, burn_in=20, thin=7)
+PAPER_LIKE = McmcConfig(
+    num_chains=1,
+    num_steps=2500,
+    burn_in=0,
+    thin=25,
+    target_acceptance=None,
+    is_prior_uniform=False,
+    starts_at_map=True,
+)
+
+
+def peaked(weights):
+    """A posterior around (0.6, -0.3, 0.1)."""
+    return -200.0 * np.square(weights - [0.6, -0.3, 0.1]).sum(axis=1)
+
+
+def infer(config, *, previous_map=None, seed=0):
+    rng = np.random.default_rng(seed)
+    return infer_posterior(peaked, 3, config, previous_map=previous_map, rng=rng)
+
+
+def test_samples_are_every_thinned_step_of_every_chain():
+    posterior = infer(SHORT)
+    rng = np.random.default_rng(0)
+    chains = run_chains(peaked, sample_uniform_weights(3, 3, rng=rng), SHORT, rng=rng)
+    expected = np.concatenate([chain[6::7] for chain in chains.weights])
+    assert len(expected) == 3 * (80 // 7)
+    np.testing.assert_array_equal(posterior.weights, expected)
+    np.testing.assert_allclose(posterior.log_posts, peaked(posterior.weights))
+
+
+def test_the_papers_chain_gives_100_samples():
+    assert infer(PAPER_LIKE).weights.shape == (100, 3)
+
+
+def test_no_sample_is_more_probable_than_the_map():
+    posterior = infer(SHORT)
+    assert peaked(posterior.map_weights[None])[0] >= posterior.log_posts.max()
+
+
+def test_default_chains_mix_on_an_easy_target():
+    posterior = infer(McmcConfig())
+    assert posterior.ess > 400
+    assert posterior.rhat < 1.01
+    np.testing.assert_allclose(posterior.map_weights, [0.6, -0.3, 0.1], atol=0.02)
+
+
+def test_chain_starts_next_to_the_previous_map_when_asked():
+    previous_map = np.array([0.6, -0.3, 0.1])
+    config = replace(PAPER_LIKE, num_steps=4, thin=1, step_std=1e-6)
+    posterior = infer(config, previous_map=previous_map)
+    near = np.tile(previous_map, (4, 1))
+    np.testing.assert_allclose(posterior.weights, near, atol=1e-4)
+
+
+def test_chain_starts_anywhere_without_a_previous_map():
+    config = replace(PAPER_LIKE, num_steps=4, thin=1, step_std=1e-6)
+    starts = [infer(config, seed=seed).weights[0] for seed in range(20)]
+    assert np.ptp(starts, axis=0).min() > 0.5
+
+
+def test_previous_map_does_not_matter_to_chains_that_start_at_the_prior():
+    first = infer(SHORT, previous_map=np.array([0.6, -0.3, 0.1])).weights
+    np.testing.assert_array_equal(first, infer(SHORT).weights)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_inference_is_repeatable(seed):
+    once, again = infer(SHORT, seed=seed), infer(SHORT, seed=seed)
+    np.testing.assert_array_equal(once.weights, again.weights)
+    assert once.ess == again.ess
+    assert once.rhat == again.rhat

@@ -1,0 +1,125 @@
+import json
+import subprocess
+import sys
+
+import pytest
+
+from tablesetting import cli
+
+BOWL_ON_PLATE = {"plate": [0.5, 0.5], "bowl": [0.6, 0.5]}
+CORNERS = {"glass": [0.1, 0.1], "cup": [0.9, 0.1]}
+
+
+def complaint(capsys, *argv):
+    """Run a command that is refused; return its one line."""
+    try:
+        code = cli.main(argv)
+    except SystemExit as stop:
+        code = stop.code
+    output = capsys.readouterr()
+    assert code == 2
+    assert output.out == ""
+    assert output.err.startswith("error: ")
+    assert output.err.count("\n") == 1
+    return output.err
+
+
+@pytest.mark.parametrize(
+    ("argv", "parts"),
+    [
+        ([], ["run", "inspect", "doctor"]),
+        (["run"], ["{vase,spoon}", "required"]),
+        (["run", "cup"], ["'cup'", "vase", "spoon"]),
+        (["run", "vase", "--num-queries", "-1"], ["--num-queries", "-1", "at least 0"]),
+        (["run", "vase", "--num-candidates", "0"], ["--num-candidates", "at least 1"]),
+        (["run", "vase", "--seed", "-7"], ["--seed", "-7"]),
+        (["run", "vase", "--seed", "x"], ["--seed", "'x'"]),
+        (["run", "vase", "--epsilon", "nan"], ["--epsilon", "nan"]),
+        (["run", "vase", "--preset", "mine"], ["'mine'", "default", "paper"]),
+        (["run", "vase", "--preset", "paper", "--execute", "1"], ["--execute", "1"]),
+        (["run", "vase", "--layouts", "no.json"], ["no.json", "check the path"]),
+        (["run", "spoon", "--first-layout", "paper"], ["spoon", "random"]),
+        (["run", "vase", "--colour", "red"], ["--colour"]),
+        (["inspect", "nothing-here"], ["nothing-here"]),
+        (["inspect", ".", "--text", "--web"], ["--text", "--web"]),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(argv, parts, capsys):
+    message = complaint(capsys, *argv)
+    for part in parts:
+        assert part in message
+
+
+@pytest.mark.parametrize(
+    ("layout", "parts"),
+    [
+        (BOWL_ON_PLATE | CORNERS, ["'plate'", "'bowl'", "move them apart"]),
+        (BOWL_ON_PLATE | CORNERS | {"bowl": [1.5, 0.5]}, ["'bowl'", "1.5"]),
+        (BOWL_ON_PLATE, ["'glass'", "cup"]),
+        (BOWL_ON_PLATE | CORNERS | {"fork": [0.1, 0.9]}, ["'fork'"]),
+        ({"plate": 3}, ["bowl"]),
+        ([1], ["[1]"]),
+    ],
+)
+def test_an_impossible_first_layout_is_refused(layout, parts, tmp_path, capsys):
+    file = tmp_path / "layout.json"
+    file.write_text(
+        json.dumps({"format": "tablesetting-layouts/1", "layouts": [layout]})
+    )
+    out = tmp_path / "out"
+    argv = ("run", "vase", "--first-layout", str(file), "--out", str(out))
+    message = complaint(capsys, *argv)
+    for part in (str(file), *parts):
+        assert part in message
+    assert not out.exists()
+
+
+def test_a_folder_that_cannot_be_written_is_refused(capsys):
+    assert "/dev/null" in complaint(capsys, "run", "vase", "--out", "/dev/null/run")
+
+
+def test_what_is_not_a_run_is_never_overwritten(tmp_path, capsys):
+    (tmp_path / "thesis.tex").write_text("years of work")
+    argv = ("run", "vase", "--out", str(tmp_path), "--overwrite")
+    assert "not a run folder" in complaint(capsys, *argv)
+    assert (tmp_path / "thesis.tex").read_text() == "years of work"
+
+
+def test_a_text_file_is_no_recording(tmp_path, capsys):
+    (tmp_path / "recording.rrd").write_text("not a recording")
+    assert "recording.rrd" in complaint(capsys, "inspect", str(tmp_path), "--text")
+
+
+def test_asking_for_help_loads_nothing_heavy():
+    code = (
+        "import sys, tablesetting.cli as cli\n"
+        "try: cli.main(['run', '--help'])\n"
+        "except SystemExit as stop: assert not stop.code\n"
+        "heavy = {'numpy', 'mujoco', 'mink', 'rerun', 'matplotlib', 'dm_control'}\n"
+        "assert not heavy & set(sys.modules), heavy & set(sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "--num-queries" in done.stdout
+
+
+def test_the_doctor_finds_this_machine_well(tmp_path, capsys):
+    assert cli.main(["doctor", "--out", str(tmp_path)]) == 0
+    report = capsys.readouterr().out
+    assert "FAIL" not in report
+    for subject in ("mujoco", "rendering", "write access", "reach of the arm"):
+        assert subject in report
+
+
+def test_the_doctor_names_what_is_ill_and_the_remedy(capsys, monkeypatch):
+    monkeypatch.setattr(
+        "tablesetting.experiments.doctor.package_versions", lambda: {"mujoco": "4.0.1"}
+    )
+    assert cli.main(["doctor", "--out", "/dev/null/runs"]) == 1
+    report = capsys.readouterr().out
+    assert "FAIL  mujoco" in report
+    assert "pip install 'mujoco==3.17.*'" in report
+    assert "FAIL  write access" in report
+    assert "--out" in report

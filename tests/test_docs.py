@@ -1,0 +1,39 @@
+import json
+import re
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tablesetting.reward.files import read_layouts
+from tablesetting.reward.layout import LayoutSpace
+from tablesetting.reward.tasks import VASE
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = sorted((ROOT / "docs" / "examples").glob("*.py"))
+PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+def test_every_example_runs_and_says_something(example, capsys):
+    runpy.run_path(str(example), run_name="__main__")
+    assert capsys.readouterr().out.strip()
+
+
+def test_the_layout_file_of_the_docs_can_be_read(tmp_path):
+    text = (ROOT / "docs" / "conventions.md").read_text()
+    (snippet,) = re.findall(r"```json\n(.*?)```", text, flags=re.DOTALL)
+    file = tmp_path / "layouts.json"
+    file.write_text(json.dumps(json.loads(snippet)))
+    layouts = read_layouts(file, VASE.objects)
+    np.testing.assert_array_equal(layouts, [VASE.first_layout])
+    LayoutSpace.of_task(VASE, are_points=False).check(layouts[0])
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_every_relative_link_leads_somewhere(page):
+    links = re.findall(r"\]\(([^)#]+)", page.read_text())
+    for link in links:
+        if not link.startswith("http"):
+            assert (page.parent / link).exists(), link
