@@ -5,12 +5,10 @@ from typing import Final
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
+from tablesetting.irl.arrays import Array
 from tablesetting.planner.grasp import Hold
 from tablesetting.scene.scene import Scene
-
-Array = npt.NDArray[np.float64]
 
 _MARGIN: Final = 0.002
 """Robot and held item keep this far from bystanders, the robot from itself; [m]."""

@@ -6,14 +6,12 @@ from typing import Final
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
+from tablesetting.irl.arrays import Array
 from tablesetting.planner.grasp import Hold
 from tablesetting.planner.pick_place import Plan, Refusal, replan_placing
 from tablesetting.planner.trajectory import CONTROL_PERIOD, Step
 from tablesetting.scene.scene import Scene, Snapshot
-
-Array = npt.NDArray[np.float64]
 
 MAX_ERROR_MM: Final = 10.0
 """Largest error of a placement that counts as a success."""

@@ -4,11 +4,9 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from tablesetting.irl.arrays import Array
 from tablesetting.scene.robot import BASE_POSITION
-
-Array = npt.NDArray[np.float64]
 
 _APPROACH_GAP: Final = 0.015  # [m]
 _RELEASE_GAP: Final = 0.008  # [m]

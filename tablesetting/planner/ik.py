@@ -10,9 +10,8 @@ from typing import Final
 import mink
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from tablesetting.irl.arrays import Array
 
 _HINGE: Final = mujoco.mjtJoint.mjJNT_HINGE
 

@@ -4,14 +4,12 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from tablesetting.irl.arrays import Array
 from tablesetting.planner.grasp import ToolPose
 from tablesetting.planner.ik import IkConfig, IkResult, IkSolver
 from tablesetting.planner.trajectory import Step, move_through, wait
 from tablesetting.scene.robot import BASE_POSITION, HOME, TCP_SITE, robot_model
-
-Array = npt.NDArray[np.float64]
 
 _SPACING: Final = 0.04  # Between two waypoints, in [m].
 _MAX_JUMP: Final = 0.6  # Of a joint between two waypoints, in [rad].

@@ -10,8 +10,8 @@ from enum import StrEnum
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from tablesetting.irl.arrays import Array
 from tablesetting.planner.collision import CollisionChecker
 from tablesetting.planner.grasp import GRASPS, Grasp, Hold, ToolPose
 from tablesetting.planner.path import Path, Unreachable, home_pose
@@ -20,8 +20,6 @@ from tablesetting.scene.jaw import TIP_REACH
 from tablesetting.scene.props import PROPS
 from tablesetting.scene.robot import HOME
 from tablesetting.scene.scene import Scene
-
-Array = npt.NDArray[np.float64]
 
 _DROP: Final = 0.0015  # Height from which the item is let go, in [m].
 _CLEARANCE: Final = 0.03  # Between what passes over and what stands below, in [m].

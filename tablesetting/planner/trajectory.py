@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from tablesetting.irl.arrays import Array
 
 CONTROL_PERIOD: Final = 0.01
 """Time between two commands to the servos, in [s]."""

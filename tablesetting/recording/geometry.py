@@ -4,9 +4,9 @@ from collections.abc import Iterable
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 import rerun as rr
 
+from tablesetting.irl.arrays import Array
 from tablesetting.recording.entities import BODIES
 from tablesetting.recording.shapes import geom_rgba, geom_shape
 
@@ -59,8 +59,8 @@ def send_poses(
     stream: rr.RecordingStream,
     model: mujoco.MjModel,
     indexes: Iterable[rr.TimeColumn],
-    positions: npt.NDArray[np.float64],
-    quaternions: npt.NDArray[np.float64],
+    positions: Array,
+    quaternions: Array,
 ) -> None:
     """Send the poses of all moving bodies over T moments.
 

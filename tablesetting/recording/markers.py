@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
+from tablesetting.irl.arrays import Array
 from tablesetting.recording import entities
-from tablesetting.recording.views import Array
 
 _RING_HEIGHT = 0.004  # [m] above the table, so that the reward map does not hide it.
 _NAME_HEIGHT = 0.10  # [m], over most objects, under the markers' labels.

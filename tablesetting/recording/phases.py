@@ -5,8 +5,8 @@ from itertools import cycle
 
 import rerun as rr
 
+from tablesetting.irl.arrays import Array
 from tablesetting.recording.entities import PHASE
-from tablesetting.recording.views import Array
 
 # Neighbours differ in hue and lightness.
 _COLORS = (

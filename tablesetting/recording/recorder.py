@@ -10,11 +10,12 @@ import numpy as np
 import rerun as rr
 
 from tablesetting.errors import OutputError
+from tablesetting.irl.arrays import Array
 from tablesetting.recording import entities, geometry, rounds
 from tablesetting.recording.blueprint import run_blueprint
 from tablesetting.recording.card import log_card, log_summary
 from tablesetting.recording.phases import log_colors, send_phases
-from tablesetting.recording.views import Array, ExecutionView, RoundView, RunCard
+from tablesetting.recording.views import ExecutionView, RoundView, RunCard
 from tablesetting.scene.scene import Snapshot
 from tablesetting.scene.table import TableFrame
 

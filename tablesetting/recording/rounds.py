@@ -3,9 +3,10 @@
 import numpy as np
 import rerun as rr
 
+from tablesetting.irl.arrays import Array
 from tablesetting.recording import entities, markers
 from tablesetting.recording.text import distance_mm, round_markdown
-from tablesetting.recording.views import Array, ExecutionView, RoundView
+from tablesetting.recording.views import ExecutionView, RoundView
 from tablesetting.scene.table import TableFrame
 
 _MAP_HEIGHT = 0.002  # [m] above the table, clear of z-fighting.

@@ -7,6 +7,8 @@ import numpy as np
 import numpy.typing as npt
 import rerun as rr
 
+from tablesetting.irl.arrays import Array
+
 _SOLID = rr.components.FillMode.Solid
 _DEFAULT_RGBA = (0.5, 0.5, 0.5, 1.0)  # A geom left at this takes its material's colour.
 _PLANE_THICKNESS = 1e-3  # [m]
@@ -50,7 +52,7 @@ def geom_rgba(model: mujoco.MjModel, geom: int) -> npt.NDArray[np.float32]:
 
 
 def _primitive(
-    kind: int, size: npt.NDArray[np.float64], rgba: npt.NDArray[np.float32]
+    kind: int, size: Array, rgba: npt.NDArray[np.float32]
 ) -> rr.AsComponents:
     types = mujoco.mjtGeom
     if kind == int(types.mjGEOM_SPHERE):
@@ -98,7 +100,7 @@ def _rows(
 
 
 def _pose(
-    model: mujoco.MjModel, geom: int, offset: npt.NDArray[np.float64] | None = None
+    model: mujoco.MjModel, geom: int, offset: Array | None = None
 ) -> rr.InstancePoses3D:
     position, quaternion = model.geom_pos[geom].copy(), model.geom_quat[geom]
     if offset is not None:

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from tablesetting.recording.views import Array, ExecutionView, RoundView
+from tablesetting.irl.arrays import Array
+from tablesetting.recording.views import ExecutionView, RoundView
 from tablesetting.scene.table import TableFrame
 
 

@@ -8,7 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from tablesetting.scene.meshes import Array, bar, smooth
+from tablesetting.irl.arrays import Array
+from tablesetting.scene.meshes import bar, smooth
 from tablesetting.scene.prop_spec import Finish, Part, PropSpec
 from tablesetting.scene.solids import Solid, box
 

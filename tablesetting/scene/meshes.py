@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from tablesetting.irl.arrays import Array
+
 Faces = npt.NDArray[np.int64]
 
 

@@ -14,14 +14,11 @@ from typing import Any, Final
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 from dm_control import composer, mjcf
 from dm_control.entities.manipulators.kinova import assets_path
 
+from tablesetting.irl.arrays import Array, Indices
 from tablesetting.scene.jaw import ParallelJaw
-
-Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
 
 BASE_POSITION: Final = (0.0, -0.41, 0.10)
 """Where the foot of the arm stands in the world, in [m]; it faces +y."""

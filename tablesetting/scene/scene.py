@@ -7,15 +7,13 @@ from typing import Final
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
 from tablesetting.errors import InvalidLayout
+from tablesetting.irl.arrays import Array
 from tablesetting.scene import robot
 from tablesetting.scene.jaw import MAX_OPENING
 from tablesetting.scene.props import make_prop
 from tablesetting.scene.table import Table, TableFrame
-
-Array = npt.NDArray[np.float64]
 
 STAGING: Final = (0.46, -0.19)
 """Where the item stands before it is picked, in the world's xy plane, in [m]."""

@@ -7,9 +7,9 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from tablesetting.irl.arrays import Array
+
 Shape = Literal["box", "cylinder", "ellipsoid"]
 
 

@@ -4,12 +4,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from dm_control import composer, mjcf
 
+from tablesetting.irl.arrays import Array
 from tablesetting.scene.furniture import TABLE_CENTER, TABLE_HALF_SIZE, furnish
-
-Array = npt.NDArray[np.float64]
 
 _TIMESTEP: Final = 0.002  # [s]
 

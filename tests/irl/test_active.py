@@ -1,4 +1,4 @@
-from itertools import islice, takewhile
+from itertools import islice, pairwise, takewhile
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ def test_alpha_without_meaning_is_refused(alpha):
 def test_highest_score_is_asked_and_its_answer_learned(strategy):
     problem = Numbers()
     found = rounds(strategy, 6, problem=problem)
-    for latest, following in zip(found, found[1:], strict=False):
+    for latest, following in pairwise(found):
         assert latest.scores[latest.query_index] == latest.scores.max()
         assert latest.query == latest.candidates[latest.query_index]
         assert following.demos == (*latest.demos, f"answer to {latest.query:.3f}")

@@ -5,8 +5,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tablesetting.errors import TableSettingError
+from tablesetting.reward.tasks import FOOTPRINTS
 from tablesetting.scene.props import PROPS, make_prop
-from tablesetting.scene.table import Table
+from tablesetting.scene.table import Table, TableFrame
 
 SPECS = PROPS.values()
 MILLIMETRE = 1e-3
@@ -190,3 +191,11 @@ def test_the_neck_of_the_vase_is_straight_where_a_jaw_holds_it():
     lip = radii[heights > 0.175].max()
     assert not np.any((heights > 0.115) & (heights < 0.155))
     assert 0.0 < lip - neck <= 3.0 * MILLIMETRE
+
+
+def test_learning_and_physics_agree_on_every_footprint():
+    assert set(FOOTPRINTS) == set(PROPS)
+    (unit,) = set(TableFrame().size)
+    for name, footprint in FOOTPRINTS.items():
+        assert unit * footprint.radius == pytest.approx(PROPS[name].radius)
+        assert unit * footprint.half_length == pytest.approx(PROPS[name].half_length)

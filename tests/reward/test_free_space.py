@@ -1,0 +1,134 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tablesetting.reward.footprint import POINT, Footprint
+from tablesetting.reward.free_space import FreeSpace
+from tablesetting.reward.layout import LayoutSpace
+from tablesetting.reward.tasks import SPOON, VASE
+
+EMPTY = FreeSpace(np.empty((0, 2)), ())
+seeds = st.integers(0, 2**32)
+
+
+def discs(*centers_and_radii):
+    """Return the unit square without some discs, each (x, y, radius)."""
+    table = np.array(centers_and_radii)
+    return FreeSpace(table[:, :2], tuple(Footprint(r) for r in table[:, 2]))
+
+
+def random_space(seed):
+    """Random obstacles of a task, overlapping or not."""
+    rng = np.random.default_rng(seed)
+    task = (VASE, SPOON)[seed % 2]
+    space = LayoutSpace.of_task(task, are_points=False)
+    return space.free_space(rng.random((len(task.objects), 2)))
+
+
+def limits(space, points):
+    """Return the signed distance of points to each limit, shape (K + 4, S)."""
+    outlines = [
+        obstacle.distance(points - center)
+        for center, obstacle in zip(space.centers, space.obstacles, strict=True)
+    ]
+    return np.stack([*outlines, *points.T, *(1.0 - points.T)])
+
+
+def test_free_is_on_the_square_and_outside_every_obstacle():
+    points = np.array([[0.0, 1.0], [1.1, 0.5], [0.5, 0.5], [0.5, 0.7], [0.5, 0.69]])
+    expected = [True, False, False, True, False]
+    assert discs((0.5, 0.5, 0.2)).contains(points).tolist() == expected
+
+
+def test_objects_keep_the_item_at_its_size_and_the_clearance():
+    space = FreeSpace.around(
+        np.array([[0.5, 0.5]]), [Footprint(0.1)], Footprint(0.05, 0.1), clearance=0.02
+    )
+    assert space.obstacles == (Footprint(pytest.approx(0.17), 0.1),)
+
+
+def test_points_leave_all_space_free():
+    space = FreeSpace.around(np.array([[0.5, 0.5]]), [POINT], POINT, clearance=0.05)
+    assert space.obstacles == ()
+    assert space.contains(np.array([0.5, 0.5]))
+
+
+def test_corners_of_two_discs_by_hand():
+    corners = discs((0.4, 0.5, 0.125), (0.55, 0.5, 0.125)).corners
+    assert {tuple(corner) for corner in corners.round(9)} == {
+        (0.475, 0.4),
+        (0.475, 0.6),
+    }
+
+
+def test_corners_of_a_disc_at_the_edge_by_hand():
+    corners = discs((0.5, 0.03, 0.05)).corners
+    assert {tuple(corner) for corner in corners.round(9)} == {(0.46, 0.0), (0.54, 0.0)}
+
+
+def test_objects_that_stand_apart_from_all_have_no_corners():
+    assert discs((0.3, 0.3, 0.1), (0.7, 0.7, 0.1)).corners.shape == (0, 2)
+    assert EMPTY.corners.shape == (0, 2)
+
+
+@given(seeds)
+def test_corners_are_free_and_lie_on_two_limits(seed):
+    space = random_space(seed)
+    corners = space.corners
+    assert space.contains(corners).all()
+    on_limit = np.abs(limits(space, corners)) < 1e-8
+    assert (on_limit.sum(axis=0) >= 2).all()
+
+
+@settings(max_examples=50)
+@given(seeds)
+def test_no_corner_is_missed_where_a_dense_outline_becomes_free(seed):
+    space = random_space(seed)
+    for index, obstacle in enumerate(space.obstacles):
+        arcs = np.linspace(0.0, obstacle.perimeter, 20_000, endpoint=False)
+        points = space.outline_points(index, arcs)
+        margins = np.delete(limits(space, points), index, axis=0)
+        is_free = (margins > 0.0).all(axis=0)
+        for entry in points[is_free != np.roll(is_free, 1)]:
+            assert np.linalg.norm(space.corners - entry, axis=1).min() < 1e-3
+
+
+@pytest.mark.parametrize("num_cells", [1, 5, 48])
+def test_quadrature_of_the_whole_square_is_exact_for_linear_functions(num_cells):
+    points, areas = EMPTY.quadrature(num_cells)
+    assert points.shape == (num_cells**2, 2)
+    assert areas.sum() == pytest.approx(1.0)
+    integrals = areas @ points
+    np.testing.assert_allclose(integrals, [0.5, 0.5])
+
+
+def test_quadrature_leaves_out_a_disc():
+    points, areas = discs((0.4, 0.3, 0.2)).quadrature(48)
+    hole = np.pi * 0.2**2
+    assert areas.sum() == pytest.approx(1.0 - hole, abs=1e-4)
+    expected = np.array([0.5, 0.5]) - hole * np.array([0.4, 0.3])
+    np.testing.assert_allclose(areas @ points, expected, atol=1e-4)
+
+
+def test_quadrature_of_a_stadium_at_the_edge_is_its_area():
+    space = FreeSpace(np.array([[0.0, 0.5]]), (Footprint(0.125, half_length=0.2),))
+    _, areas = space.quadrature(48)
+    covered = np.pi * 0.125**2 / 2 + 0.125 * 0.4
+    assert areas.sum() == pytest.approx(1.0 - covered, abs=2e-4)
+
+
+@given(seeds)
+def test_cells_of_a_quadrature_are_at_most_whole_and_centered_within(seed):
+    points, areas = random_space(seed).quadrature(12)
+    assert (areas >= 0.0).all()
+    assert (areas <= 1 / 144 + 1e-15).all()
+    column, row = np.meshgrid(np.arange(12), np.arange(12))
+    cells = np.stack([column, row], axis=-1).reshape(-1, 2)
+    np.testing.assert_array_equal(np.floor(points * 12), cells)
+
+
+def test_nothing_is_free_under_an_obstacle_larger_than_the_table():
+    space = discs((0.5, 0.5, 0.8))
+    assert space.quadrature(8)[1].sum() == 0.0
+    assert space.corners.shape == (0, 2)
