@@ -49,7 +49,7 @@ def plot_learning(rows: Sequence[Mapping[str, str]], title: str) -> Figure:
 
 def plot_query(
     reward_map: Array,
-    layout: Mapping[str, Sequence[float]],
+    outlines: Mapping[str, Array],
     robot_placement: Sequence[float],
     demo_placement: Sequence[float],
     title: str,
@@ -59,7 +59,8 @@ def plot_query(
     Args:
         reward_map: Reward on a lattice that spans the unit square, shape (n, n); rows
             from y = 0 up.
-        layout: Position of each object, in table units.
+        outlines: Points around each object, shape (S, 2), in table units; a single
+            one for an object that is a point.
         robot_placement: Where the robot would put the item.
         demo_placement: Where the person puts it.
         title: Which query.
@@ -67,16 +68,16 @@ def plot_query(
     Returns:
         The figure.
     """
-    figure = Figure(figsize=(5.2, 4.4), layout="constrained")
+    figure = Figure(figsize=(5.4, 4.8), layout="constrained")
     axes = figure.subplots()
     image = axes.imshow(
         reward_map, origin="lower", extent=(0, 1, 0, 1), cmap="viridis", alpha=0.9
     )
     figure.colorbar(image, ax=axes, label="MAP reward")
-    for name, (x, y) in layout.items():
-        axes.plot(x, y, "o", color="white", mec="black", ms=7)
+    for name, outline in outlines.items():
+        axes.plot(*outline.T, "o" if len(outline) == 1 else "-", color="white", lw=1.5)
         axes.annotate(
-            name, (x, y), (5, 5), textcoords="offset points", color="white", fontsize=9
+            name, outline.mean(axis=0), color="white", fontsize=9, ha="center"
         )
     axes.plot(*robot_placement, "X", color=_ROBOT, mec="white", ms=12, label="robot")
     axes.plot(*demo_placement, "P", color=_PERSON, mec="white", ms=12, label="person")
@@ -84,8 +85,9 @@ def plot_query(
         xlabel="x [table units]",
         ylabel="y, away from the robot [table units]",
         title=title,
-        xlim=(-0.02, 1.02),
-        ylim=(-0.02, 1.02),
+        xlim=(-0.12, 1.12),
+        ylim=(-0.12, 1.12),
+        facecolor="#8a8f98",
     )
-    axes.legend(loc="upper right", framealpha=0.8)
+    figure.legend(loc="outside lower center", ncols=2, frameon=False)
     return figure

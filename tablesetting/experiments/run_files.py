@@ -120,7 +120,7 @@ class RunFiles:
             "learning": plot_learning(rows, title),
             f"query_{latest.num_demos:02d}": plot_query(
                 problem.reward_map(weights, query, _MAP_SIZE),
-                layout_to_json(query, problem.task.objects),
+                problem.space.outlines(query),
                 latest.placement.tolist(),
                 latest.answer.placement.tolist(),
                 f"{title}: after {demos}",

@@ -136,6 +136,18 @@ class LayoutSpace:
 
         return self._collect(num_layouts, propose)
 
+    def outlines(self, layout: Array) -> dict[str, Array]:
+        """Return points around each object, for drawing.
+
+        Args:
+            layout: Object centers, shape (K, 2), in table units.
+
+        Returns:
+            By name, points of shape (S, 2); the center alone of a point.
+        """
+        named = zip(self.objects, self.footprints, layout, strict=True)
+        return {name: center + _around(size) for name, size, center in named}
+
     def _solid_pairs(self) -> list[tuple[int, int, Footprint]]:
         """List pairs of objects that have a size, each with the sum of the two."""
         solid = [k for k, size in enumerate(self.footprints) if size != POINT]
@@ -164,3 +176,10 @@ class LayoutSpace:
 def _show(center: Array) -> str:
     """Write a position for a message."""
     return f"({center[0]:.3f}, {center[1]:.3f})"
+
+
+def _around(footprint: Footprint) -> Array:
+    """Return offsets along a footprint's outline, shape (S, 2)."""
+    if footprint == POINT:
+        return np.zeros((1, 2))
+    return footprint.outline(np.linspace(0.0, footprint.perimeter, 73))[0]

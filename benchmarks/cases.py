@@ -1,0 +1,49 @@
+"""What the figures of learning are measured on."""
+
+from functools import cache
+
+import numpy as np
+
+from tablesetting.irl.arrays import Array
+from tablesetting.reward.likelihood import Demonstration
+from tablesetting.reward.problem import DEFAULT, PAPER, PlacementProblem
+from tablesetting.reward.tasks import SPOON, VASE, PlacementTask
+
+TASKS = (VASE, SPOON)
+NUM_CANDIDATES = 50
+NUM_REWARDS = 100
+NUM_TEST_LAYOUTS = 200
+NUM_ROUNDS = 11  # The first demonstration and ten queries.
+
+
+def make_rng() -> np.random.Generator:
+    """Start the stream of random numbers that candidates, chains and restarts draw from."""
+    return np.random.default_rng(0)
+
+
+def table_kinds(task: PlacementTask) -> list[tuple[str, PlacementProblem]]:
+    """Return a task with and without objects that take up room."""
+    return [
+        (f"{task.name}, points", PlacementProblem(task, PAPER)),
+        (f"{task.name}, true size", PlacementProblem(task, DEFAULT)),
+    ]
+
+
+def demonstrations(problem: PlacementProblem, num_demos: int) -> list[Demonstration]:
+    # Of a stream of their own, so that no candidate or test layout is among them.
+    layouts = problem.space.sample(num_demos, rng=np.random.default_rng(1))
+    return [problem.demonstrate(layout) for layout in layouts]
+
+
+@cache
+def posterior_rewards(task: PlacementTask) -> Array:
+    """Return 100 rewards as they are possible after one demonstration, shape (100, D).
+
+    Ten in a row are from one posterior; there are ten demonstrations, each by itself.
+    """
+    problem = PlacementProblem(task, PAPER)
+    posteriors = [
+        problem.infer([demo], None, rng=make_rng())
+        for demo in demonstrations(problem, 10)
+    ]
+    return np.concatenate([posterior.weights[9::10] for posterior in posteriors])
