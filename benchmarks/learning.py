@@ -133,7 +133,7 @@ def _time_inference(
     timing = measure(
         f"inference, {label}",
         lambda: posteriors.append(problem.infer(demos, None, rng=rng)),
-        plain=plain_inference(problem, demos),
+        plain=plain_inference(problem, demos, num_steps=100 // len(demos)),
         traces_memory=True,
     )
     yield timing

@@ -37,7 +37,7 @@ def plain_placements(
 
 
 def plain_inference(
-    problem: PlacementProblem, demos: Sequence[Demonstration], num_steps: int = 10
+    problem: PlacementProblem, demos: Sequence[Demonstration], num_steps: int
 ) -> Plain:
     """Prepare a few steps of a plain chain with the same likelihood."""
     config, mcmc = problem.config.boltzmann, problem.config.mcmc

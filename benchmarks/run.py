@@ -113,8 +113,8 @@ def _format(figure: Figure) -> str:
 def _seconds(seconds: float) -> str:
     """Write a time in ten columns."""
     if seconds < 1.0:
-        return f"{1e3 * seconds:>7.3g} ms"
-    return f"{seconds:>7.3g} s "
+        return f"{1e3 * seconds:>7.4g} ms"
+    return f"{seconds:>7.4g} s "
 
 
 def _compare(before: Path, after: Path) -> None:

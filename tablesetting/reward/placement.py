@@ -56,7 +56,9 @@ def best_placements(
     """
     centers = all_centers(layouts)
     features = rbf_features(_GRID, centers, widths)
-    values = features @ weights.T  # (L, G, N)
+    # One product for all layouts: a stack of small ones would not reach BLAS.
+    values = features.reshape(-1, features.shape[-1]) @ weights.T
+    values = values.reshape(len(layouts), len(_GRID), len(weights))
     starts = _grid_maxima(values, values.max(axis=1) - _NEAR_BEST)
     points, rewards = _climb(starts, weights, centers, widths)
     best = np.empty((len(layouts), len(weights), 2))
