@@ -25,6 +25,8 @@ from tablesetting.results import RECORDING, RunFolder
 
 # Nothing is rendered in this process, and without a display the default would warn.
 os.environ.setdefault("MUJOCO_GL", "disable")
+# The matrices are small: a second thread would only spin.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 """Exit codes; 0 is success."""

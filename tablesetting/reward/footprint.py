@@ -37,8 +37,7 @@ class Footprint:
         Returns:
             Distances, shape (...,), in table units.
         """
-        along = np.maximum(np.abs(offsets[..., 1]) - self.half_length, 0.0)
-        return np.hypot(offsets[..., 0], along) - self.radius
+        return stadium_distance(offsets, self.radius, self.half_length)
 
     @property
     def perimeter(self) -> float:
@@ -55,18 +54,54 @@ class Footprint:
             Offsets from the center (S, 2), outward unit normals (S, 2) and curvatures
             (S,), which are 0 along the straight sides.
         """
-        arc = np.mod(arc + self.half_length, self.perimeter)
-        half = 0.5 * self.perimeter
-        is_second_half = arc >= half
-        arc = np.where(is_second_half, arc - half, arc)
-        rise = np.minimum(arc, 2.0 * self.half_length)  # Up the straight side at +x.
-        angle = np.maximum(arc - 2.0 * self.half_length, 0.0) / self.radius
-        normals = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-        offsets = self.radius * normals
-        offsets[:, 1] += rise - self.half_length
-        sign = np.where(is_second_half, -1.0, 1.0)[:, None]
-        curvatures = np.where(arc >= 2.0 * self.half_length, 1.0 / self.radius, 0.0)
-        return sign * offsets, sign * normals, curvatures
+        radius, half_length = np.full(
+            (2, len(arc)), [[self.radius], [self.half_length]]
+        )
+        return stadium_outline(arc, radius, half_length)
+
+
+def stadium_distance(
+    offsets: Array, radius: Array | float, half_length: Array | float
+) -> Array:
+    """Return the signed distance to outlines, negative inside; see `Footprint`.
+
+    Args:
+        offsets: Points relative to the centers, shape (..., 2).
+        radius: Radii that broadcast with the points, shape (...,).
+        half_length: Half lengths, likewise.
+
+    Returns:
+        Distances, shape (...,), in table units.
+    """
+    along = np.maximum(np.abs(offsets[..., 1]) - half_length, 0.0)
+    return np.hypot(offsets[..., 0], along) - radius
+
+
+def stadium_outline(
+    arc: Array, radius: Array, half_length: Array
+) -> tuple[Array, Array, Array]:
+    """Walk along outlines, one for each arc length; see `Footprint.outline`.
+
+    Args:
+        arc: Arc lengths, shape (S,), in table units.
+        radius: Radius of the outline that each belongs to, shape (S,).
+        half_length: Its half length, shape (S,).
+
+    Returns:
+        Offsets (S, 2), outward unit normals (S, 2) and curvatures (S,).
+    """
+    half_perimeter = np.pi * radius + 2.0 * half_length
+    arc = np.mod(arc + half_length, 2.0 * half_perimeter)
+    is_second_half = arc >= half_perimeter
+    arc = np.where(is_second_half, arc - half_perimeter, arc)
+    rise = np.minimum(arc, 2.0 * half_length)  # Up the straight side at +x.
+    angle = (arc - rise) / radius
+    normals = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    offsets = radius[:, None] * normals
+    offsets[:, 1] += rise - half_length
+    sign = np.where(is_second_half, -1.0, 1.0)[:, None]
+    curvatures = np.where(arc >= 2.0 * half_length, 1.0 / radius, 0.0)
+    return sign * offsets, sign * normals, curvatures
 
 
 POINT = Footprint()

@@ -7,10 +7,11 @@ from functools import cached_property
 import numpy as np
 
 from tablesetting.irl.arrays import Array, Booleans, Indices
-from tablesetting.reward.footprint import POINT, Footprint
+from tablesetting.reward.footprint import POINT, Footprint, stadium_distance
+from tablesetting.reward.outlines import Outlines
 
-_OUTLINE_SPACING = 0.02  # Between samples of an outline, in table units.
-_SECTIONS = np.linspace(0.0, 1.0, 17)  # Cuts of a bracket; nine rounds: 0.02 / 7e10.
+_SECTIONS = np.linspace(0.0, 1.0, 17)  # Cuts of a bracket around a crossing,
+_NUM_CUTS = 9  # made so often that 0.02 becomes 3e-13.
 _SUBCELLS = 8  # Per side of a quadrature cell, to find how much of it is free.
 _TOL = 1e-9  # Points on an outline count as free.
 
@@ -49,52 +50,61 @@ class FreeSpace:
         return free
 
     @cached_property
+    def outlines(self) -> Outlines:
+        """Samples of the outlines of all obstacles."""
+        return Outlines(self.centers, self.obstacles)
+
+    @cached_property
     def corners(self) -> Array:
         """Where outlines meet each other or the edge of the square, shape (V, 2)."""
-        found = [np.empty((0, 2))]
-        for index in range(len(self.obstacles)):
-            arcs = self.outline_arcs(index)
-            is_outside = self._margins(self.outline_points(index, arcs)) >= 0.0
-            # Each constraint apart: a free stretch may be shorter than the spacing.
-            margin, change = np.nonzero(is_outside != np.roll(is_outside, -1, axis=1))
-            is_leaving = is_outside[margin, change]
-            found.append(self._crossings(index, arcs[change], margin, is_leaving))
-        points = np.concatenate(found)
-        return points[self.contains(points)]
-
-    def outline_arcs(self, index: int) -> Array:
-        """Sample the outline of an obstacle evenly, arc lengths of shape (S,)."""
-        perimeter = self.obstacles[index].perimeter
-        num_samples = max(int(np.ceil(perimeter / _OUTLINE_SPACING)), 8)
-        return np.linspace(0.0, perimeter, num_samples, endpoint=False)
-
-    def outline_points(self, index: int, arcs: Array) -> Array:
-        """Return the points at arc lengths along an obstacle's outline, (S, 2)."""
-        return self.centers[index] + self.obstacles[index].outline(arcs)[0]
+        outlines = self.outlines
+        points = outlines.points(outlines.owner, outlines.arcs)
+        is_outside = self._margins(points) >= 0.0  # (S, K + 4)
+        # Each limit apart: a free stretch may be shorter than the spacing.
+        change = is_outside != is_outside[outlines.following]
+        # On its own outline a point is inside or outside by rounding alone.
+        change[np.arange(len(change)), outlines.owner] = False
+        sample, limit = np.nonzero(change)
+        is_leaving = is_outside[sample, limit]
+        found = self._crossings(sample, limit, is_leaving)
+        return found[self.contains(found)]
 
     def _margins(self, points: Array) -> Array:
-        """Return how far points, shape (S, 2), are from each limit, (K + 4, S)."""
-        outlines = zip(self.centers, self.obstacles, strict=True)
-        distances = [
-            obstacle.distance(points - center) for center, obstacle in outlines
-        ]
-        return np.stack([*distances, *points.T, *(1.0 - points.T)])
+        """Return how far points, shape (S, 2), are within each limit, (S, K + 4)."""
+        offsets = points[:, None] - self.centers
+        radius, half_length = self.outlines.radius, self.outlines.half_length
+        distances = stadium_distance(offsets, radius, half_length)
+        return np.concatenate([distances, points, 1.0 - points], axis=1)
+
+    def _margin(self, points: Array, limit: Indices) -> Array:
+        """Return how far points, shape (S, 2), are within one limit each, (S,)."""
+        is_edge = limit >= len(self.obstacles)
+        owner = np.where(is_edge, 0, limit)
+        side = np.where(is_edge, limit - len(self.obstacles), 0)
+        distance = stadium_distance(
+            points - self.centers[owner],
+            self.outlines.radius[owner],
+            self.outlines.half_length[owner],
+        )
+        edges = np.concatenate([points, 1.0 - points], axis=1)
+        return np.where(is_edge, edges[np.arange(len(side)), side], distance)
 
     def _crossings(
-        self, index: int, arcs: Array, margin: Indices, is_leaving: Booleans
+        self, sample: Indices, limit: Indices, is_leaving: Booleans
     ) -> Array:
-        """Find where an outline crosses the limits `margin` just after `arcs`."""
-        spacing = self.outline_arcs(index)[1]
-        rows = np.arange(len(arcs))
-        for _ in range(9):
-            cuts = arcs[:, None] + spacing * _SECTIONS
-            margins = self._margins(self.outline_points(index, cuts.ravel()))
-            own = margins.reshape(-1, *cuts.shape)[margin, rows]
-            is_past = (own >= 0.0) != is_leaving[:, None]
+        """Find where outlines cross limits just after samples, by ever finer cuts."""
+        outlines, rows = self.outlines, np.arange(len(sample))
+        owner, start = outlines.owner[sample], outlines.arcs[sample]
+        spacing = outlines.spacing[sample]
+        for _ in range(_NUM_CUTS):
+            cuts = start[:, None] + spacing[:, None] * _SECTIONS
+            points = outlines.points(np.repeat(owner, len(_SECTIONS)), cuts.ravel())
+            margin = self._margin(points, np.repeat(limit, len(_SECTIONS)))
+            is_past = (margin.reshape(cuts.shape) >= 0.0) != is_leaving[:, None]
             is_past[:, 0], is_past[:, -1] = False, True
-            arcs = cuts[rows, is_past.argmax(axis=1) - 1]
+            start = cuts[rows, is_past.argmax(axis=1) - 1]
             spacing = spacing * _SECTIONS[1]
-        return self.outline_points(index, arcs)
+        return outlines.points(owner, start)
 
     def quadrature(self, num_cells: int) -> tuple[Array, Array]:
         """Cut the free space into square cells for an integral over it.

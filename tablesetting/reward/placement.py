@@ -108,8 +108,7 @@ def _best_in_free_space(
     points, rewards = _climb(starts, weights, centers[None], widths)
     is_free = space.contains(points)
     found = [(points[is_free], rewards[is_free], starts.sample[is_free])]
-    for index in range(len(space.obstacles)):
-        found.append(_outline_optima(index, weights, centers, widths, space))
+    found.append(_outline_optima(weights, centers, widths, space))
     found.append(_corner_values(weights, centers, widths, space))
     points, rewards, samples = (
         np.concatenate(parts) for parts in zip(*found, strict=True)
@@ -144,28 +143,26 @@ def _corner_values(
 
 
 def _outline_optima(
-    index: int, weights: Array, centers: Array, widths: Array, space: FreeSpace
+    weights: Array, centers: Array, widths: Array, space: FreeSpace
 ) -> tuple[Array, Array, Indices]:
-    """Climb along an obstacle's outline from its sampled maxima that may be free.
+    """Climb along the outlines from their sampled maxima to those that are free.
 
     With the arc length s, outward normal n and curvature k of the outline,
     dR/ds = g . t and d2R/ds2 = t' H t - k g . n.
     """
-    outline, center = space.obstacles[index], space.centers[index]
-    arcs = space.outline_arcs(index)
-    spacing = outline.perimeter / len(arcs)
-    values = rbf_features(space.outline_points(index, arcs), centers, widths)
-    values = values @ weights.T  # (S, N)
-    is_maximum = values >= np.roll(values, 1, axis=0)
-    is_maximum &= values >= np.roll(values, -1, axis=0)
+    outlines = space.outlines
+    points = outlines.points(outlines.owner, outlines.arcs)
+    values = rbf_features(points, centers, widths) @ weights.T  # (S, N)
+    is_maximum = values >= values[outlines.preceding]
+    is_maximum &= values >= values[outlines.following]
     rows, samples = np.nonzero(is_maximum)
-    arc = arcs[rows]
-    low, high = arc - spacing, arc + spacing
+    owner, arc = outlines.owner[rows], outlines.arcs[rows]
+    low, high = arc - outlines.spacing[rows], arc + outlines.spacing[rows]
     at_centers = np.broadcast_to(centers, (len(arc), *centers.shape))
     for _ in range(_MAX_ITERATIONS):
-        offsets, normals, curvatures = outline.outline(arc)
+        points, normals, curvatures = outlines.walk(owner, arc)
         _, gradients, hessians = reward_derivatives(
-            center + offsets, weights[samples], at_centers, widths
+            points, weights[samples], at_centers, widths
         )
         tangents = np.stack([-normals[:, 1], normals[:, 0]], axis=1)
         slope = (gradients * tangents).sum(axis=1)
@@ -180,7 +177,7 @@ def _outline_optima(
         arc = target
         if step < _STEP_TOL:
             break
-    points = space.outline_points(index, arc)
+    points = outlines.points(owner, arc)
     is_free = space.contains(points)
     points, samples = points[is_free], samples[is_free]
     rewards = (rbf_features(points, centers, widths) * weights[samples]).sum(axis=1)

@@ -91,7 +91,7 @@ def test_no_corner_is_missed_where_a_dense_outline_becomes_free(seed):
     space = random_space(seed)
     for index, obstacle in enumerate(space.obstacles):
         arcs = np.linspace(0.0, obstacle.perimeter, 20_000, endpoint=False)
-        points = space.outline_points(index, arcs)
+        points = space.outlines.points(np.full(len(arcs), index), arcs)
         margins = np.delete(limits(space, points), index, axis=0)
         is_free = (margins > 0.0).all(axis=0)
         for entry in points[is_free != np.roll(is_free, 1)]:

@@ -1,0 +1,190 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tablesetting.irl.posterior import Posterior
+from tablesetting.irl.sampler import McmcConfig, sample_uniform_weights
+from tablesetting.reward.problem import (
+    DEFAULT,
+    PAPER,
+    PRESETS,
+    PlacementConfig,
+    PlacementProblem,
+)
+from tablesetting.reward.rbf import all_centers, rbf_features, reward_derivatives
+from tablesetting.reward.tasks import FOOTPRINTS, SPOON, TASKS, VASE
+
+RECORDED = Path(__file__).parents[1] / "data" / "vase_demonstrations.json"
+QUICK = replace(DEFAULT, mcmc=McmcConfig(num_steps=200, burn_in=100, thin=20))
+
+
+def recorded_session():
+    """Return layouts (11, 4, 2) and placements (11, 2) of the authors' session."""
+    demos = json.loads(RECORDED.read_text())["demonstrations"]
+    layouts = [[demo["layout"][name] for name in VASE.objects] for demo in demos]
+    return np.array(layouts), np.array([demo["placement"] for demo in demos])
+
+
+def random_posterior(dim, num_samples=20):
+    weights = sample_uniform_weights(num_samples, dim, rng=np.random.default_rng(0))
+    log_posts = np.arange(num_samples, dtype=float)
+    return Posterior(weights, log_posts, weights[-1], 0.3, ess=20.0, rhat=1.0)
+
+
+def test_no_candidates_are_refused():
+    with pytest.raises(ValueError, match="`num_candidates` must be at least 1; got 0"):
+        PlacementConfig(num_candidates=0)
+
+
+def test_preset_of_the_paper_holds_its_numbers():
+    assert (PAPER.candidates, PAPER.num_candidates) == ("one-moved", 50)
+    assert PAPER.are_points
+    assert (PAPER.widths.object_width, PAPER.widths.table_width) == (0.3, 0.3)
+    assert PAPER.boltzmann.beta == 100.0
+    assert (PAPER.boltzmann.quadrature, PAPER.boltzmann.resolution) == ("lattice", 10)
+    assert PAPER.mcmc == McmcConfig(
+        num_chains=1,
+        num_steps=2500,
+        burn_in=0,
+        thin=25,
+        step_std=0.05,
+        target_acceptance=None,
+        is_prior_uniform=False,
+        starts_at_map=True,
+    )
+    assert (PAPER.risk.alpha, PAPER.risk.rank_offset) == (0.95, 1)
+
+
+def test_default_preset_is_statistically_sound_and_physical():
+    assert DEFAULT.mcmc.is_prior_uniform
+    assert DEFAULT.mcmc.num_chains > 1
+    assert DEFAULT.mcmc.burn_in > 0
+    assert DEFAULT.boltzmann.quadrature == "cells"
+    assert (DEFAULT.risk.alpha, DEFAULT.risk.rank_offset) == (0.95, 0)
+    assert not DEFAULT.are_points
+    assert PRESETS == {"default": DEFAULT, "paper": PAPER}
+
+
+def test_paper_puts_the_vase_in_the_centre_of_its_first_layout():
+    demo = PlacementProblem(VASE, PAPER).demonstrate(np.array(VASE.first_layout))
+    np.testing.assert_allclose(demo.placement, [0.5, 0.5], atol=1e-9)
+
+
+@pytest.mark.parametrize("config", PRESETS.values(), ids=PRESETS)
+def test_spoon_goes_into_the_bowl(config):
+    problem = PlacementProblem(SPOON, config)
+    for layout in problem.space.sample(5, rng=np.random.default_rng(0)):
+        demo = problem.demonstrate(layout)
+        np.testing.assert_allclose(demo.placement, layout[0], atol=1e-9)
+        np.testing.assert_array_equal(demo.layout, layout)
+
+
+def test_recorded_session_shows_the_best_placements_of_the_true_weights():
+    layouts, placements = recorded_session()
+    problem = PlacementProblem(VASE, PAPER)
+    weights = VASE.true_weights
+    best = problem.best_placements(weights[None], layouts)[:, 0]
+    repeated = np.tile(weights, (len(best), 1))
+    _, _, hessians = reward_derivatives(
+        best, repeated, all_centers(layouts), problem.widths
+    )
+    # The authors climb 50 steps of 0.05 times the gradient, from somewhere on the
+    # table: of an offset along the flattest direction this much is left.
+    flattest = np.linalg.eigvalsh(-hessians).min(axis=1)
+    left = np.sqrt(2.0) * (1.0 - 0.05 * flattest) ** 50
+    assert (np.linalg.norm(placements - best, axis=1) < left).all()
+    assert left.max() < 0.01
+
+
+@pytest.mark.parametrize("config", PRESETS.values(), ids=PRESETS)
+def test_candidates_are_as_the_preset_says(config):
+    problem = PlacementProblem(VASE, config)
+    rng = np.random.default_rng(0)
+    demos = [problem.demonstrate(layout) for layout in problem.space.sample(2, rng=rng)]
+    candidates = np.array(problem.propose_queries(demos, rng=rng))
+    assert candidates.shape == (50, 4, 2)
+    num_moved = (candidates != demos[-1].layout).any(axis=2).sum(axis=1)
+    assert set(num_moved) == {1 if config is PAPER else 4}
+
+
+def test_loss_is_the_distance_between_the_placements_of_map_and_sample():
+    problem = PlacementProblem(VASE, DEFAULT)
+    posterior = random_posterior(13)
+    layouts = problem.space.sample(3, rng=np.random.default_rng(0))
+    losses = problem.policy_losses(list(layouts), posterior)
+    assert losses.shape == (3, 20)
+    np.testing.assert_array_equal(losses[:, -1], 0.0)  # The MAP is the last sample.
+    for layout, row in zip(layouts, losses, strict=True):
+        one = layout[None]
+        best = problem.best_placements(posterior.map_weights[None], one)[0, 0]
+        for weights, loss in zip(posterior.weights, row, strict=True):
+            other = problem.best_placements(weights[None], one)[0, 0]
+            assert loss == pytest.approx(np.hypot(*(best - other)), abs=1e-8)
+
+
+def test_item_never_stands_on_an_object():
+    problem = PlacementProblem(VASE, DEFAULT)
+    layouts = problem.space.sample(5, rng=np.random.default_rng(0))
+    placements = problem.best_placements(random_posterior(13).weights, layouts)
+    item = FOOTPRINTS["vase"]
+    for layout, chosen in zip(layouts, placements, strict=True):
+        for name, center in zip(VASE.objects, layout, strict=True):
+            needed = FOOTPRINTS[name].grow(item, VASE.clearance)
+            assert (needed.distance(chosen - center) >= -1e-9).all()
+
+
+def test_resting_placement_leaves_the_receptacle():
+    problem = PlacementProblem(SPOON, DEFAULT)
+    needed = FOOTPRINTS["bowl"].grow(FOOTPRINTS["spoon"], SPOON.clearance)
+    for layout in problem.space.sample(5, rng=np.random.default_rng(0)):
+        resting = problem.best_resting_placement(SPOON.true_weights, layout)
+        assert problem.space.free_space(layout, on_table=True).contains(resting)
+        assert needed.distance(resting - layout[0]) >= -1e-9
+
+
+def test_resting_placement_is_the_best_one_where_that_is_on_the_table():
+    problem = PlacementProblem(VASE, DEFAULT)
+    layout = problem.space.sample(1, rng=np.random.default_rng(0))[0]
+    resting = problem.best_resting_placement(VASE.true_weights, layout)
+    np.testing.assert_array_equal(resting, problem.demonstrate(layout).placement)
+
+
+def test_reward_map_has_its_rows_along_y_and_its_columns_along_x():
+    problem = PlacementProblem(VASE, PAPER)
+    layout = np.array(VASE.first_layout)
+    weights = random_posterior(13).weights[0]
+    reward_map = problem.reward_map(weights, layout, 5)
+    assert reward_map.shape == (5, 5)
+    for row, column in ((0, 0), (1, 3), (4, 2)):
+        point = np.array([[column / 4, row / 4]])
+        features = rbf_features(point, all_centers(layout), problem.widths)
+        assert reward_map[row, column] == pytest.approx((features @ weights)[0])
+
+
+@pytest.mark.parametrize("task", TASKS.values(), ids=lambda task: task.name)
+def test_inference_starts_at_the_previous_map_only_when_configured(task):
+    problem = PlacementProblem(task, QUICK)
+    layout = problem.space.sample(1, rng=np.random.default_rng(0))[0]
+    demos = [problem.demonstrate(layout)]
+    first = problem.infer(demos, None, rng=np.random.default_rng(1))
+    assert first.weights.shape == (4 * 5, len(task.objects) + 9)
+    again = problem.infer(demos, first, rng=np.random.default_rng(1))
+    np.testing.assert_array_equal(first.weights, again.weights)
+
+
+def test_paper_learns_where_the_vase_goes():
+    layouts, _ = recorded_session()
+    problem = PlacementProblem(VASE, PAPER)
+    demos = [problem.demonstrate(layout) for layout in layouts]
+    rng = np.random.default_rng(0)
+    tests = problem.space.sample(100, rng=rng)
+    truth = problem.best_placements(VASE.true_weights[None], tests)[:, 0]
+    errors, previous = [], None
+    for num_demos in (1, 11):
+        previous = problem.infer(demos[:num_demos], previous, rng=rng)
+        learned = problem.best_placements(previous.map_weights[None], tests)[:, 0]
+        errors.append(np.linalg.norm(learned - truth, axis=1).mean())
+    assert errors[1] < 0.08 < errors[0]

@@ -1,0 +1,51 @@
+import subprocess
+import sys
+from typing import get_args
+
+import pytest
+
+from tablesetting.experiments.config import PresetName, StrategyName, TaskName
+from tablesetting.irl.active import STRATEGIES
+from tablesetting.reward.problem import PRESETS
+from tablesetting.reward.tasks import TASKS
+
+SIMULATORS = ("mujoco", "dm_control", "mink", "rerun", "viser")
+IRL = ("active", "arrays", "diagnostics", "posterior", "risk", "sampler")
+REWARD = ("files", "layout", "likelihood", "placement", "problem", "rbf", "tasks")
+
+
+def imported_by(*modules):
+    """Name every top-level package that a fresh interpreter loads with some modules."""
+    code = f"import sys, {', '.join(modules)}\nprint(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    return {name.partition(".")[0] for name in done.stdout.split()}
+
+
+def test_learning_loads_no_simulator():
+    modules = [f"tablesetting.irl.{name}" for name in IRL]
+    modules += [f"tablesetting.reward.{name}" for name in REWARD]
+    loaded = imported_by("tablesetting.irl", "tablesetting.reward", *modules)
+    assert "numpy" in loaded
+    assert loaded.isdisjoint(SIMULATORS)
+
+
+def test_results_and_figures_load_no_simulator():
+    loaded = imported_by("tablesetting.results", "tablesetting.plotting")
+    assert loaded.isdisjoint(SIMULATORS)
+
+
+@pytest.mark.parametrize(
+    "module", ["tablesetting", "tablesetting.errors", "tablesetting.experiments.config"]
+)
+def test_the_package_and_its_settings_are_light(module):
+    assert imported_by(module).isdisjoint({"numpy", "matplotlib", *SIMULATORS})
+
+
+@pytest.mark.parametrize(
+    ("choices", "table"),
+    [(TaskName, TASKS), (StrategyName, STRATEGIES), (PresetName, PRESETS)],
+)
+def test_choices_on_the_command_line_are_the_keys_of_the_tables(choices, table):
+    assert sorted(get_args(choices)) == sorted(table)
