@@ -27,6 +27,8 @@ from tablesetting.results import RECORDING, RunFolder
 os.environ.setdefault("MUJOCO_GL", "disable")
 # The matrices are small: a second thread would only spin.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# What Rerun would log of a failure is told by our own errors.
+os.environ.setdefault("RUST_LOG", "off")
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 """Exit codes; 0 is success."""
@@ -117,9 +119,8 @@ def _run(config: RunConfig) -> int:
                 bar.update()
                 bar.write(latest.describe())
     except KeyboardInterrupt:
-        print(
-            f"interrupted; {num_rounds} finished rounds are in {out}", file=sys.stderr
-        )
+        rounds_done = f"{num_rounds} finished round{'s' * (num_rounds != 1)}"
+        print(f"interrupted; {rounds_done} in {out}", file=sys.stderr)
         return INTERRUPTED
     recording = out / RECORDING
     print(f"recording: {recording} ({recording.stat().st_size / 1e6:.1f} MB)")

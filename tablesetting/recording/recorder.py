@@ -85,9 +85,11 @@ class RunRecorder:
 
     def close(self) -> None:
         """Write what is pending and complete the file."""
-        self._send_episode()
-        self._stream.flush()
-        self._stream.disconnect()
+        try:
+            self._send_episode()
+            self._flush()
+        finally:
+            self._stream.disconnect()
 
     def log_round(self, view: RoundView) -> None:
         """Open a round: show its query, and what is known before the arm acts."""
@@ -96,7 +98,7 @@ class RunRecorder:
         self._round = view
         self._set_time()
         rounds.log_round(self._stream, view, self._card.objects, self._frame)
-        self._stream.flush()
+        self._flush()
 
     def record(
         self, snapshots: Generator[Snapshot, None, ResultT]
@@ -127,7 +129,7 @@ class RunRecorder:
     def show(self, snapshot: Snapshot) -> None:
         """Show the world as it stands, in a round that the arm does not carry out."""
         self._send_poses([snapshot], np.array([self._clock]))
-        self._stream.flush()
+        self._flush()
 
     def log_execution(self, execution: ExecutionView) -> None:
         """Show how the arm fared in the round that is open.
@@ -139,7 +141,7 @@ class RunRecorder:
             raise ValueError("`log_execution` needs a round; call `log_round` before")
         self._set_time()
         rounds.log_execution(self._stream, self._round, execution, self._frame)
-        self._stream.flush()
+        self._flush()
 
     def log_summary(self, summary: Mapping[str, object]) -> None:
         """Add the final figures to the run card."""
@@ -166,7 +168,15 @@ class RunRecorder:
         send_phases(self._stream, phases, times, self._indexes)
         self._phases.update(dict.fromkeys(phases))
         log_colors(self._stream, list(self._phases))
-        self._stream.flush()
+        self._flush()
+
+    def _flush(self) -> None:
+        try:
+            self._stream.flush()
+        except RuntimeError as error:
+            raise OutputError(
+                f"cannot write the recording: {error}; is the disk full?"
+            ) from error
 
     def _send_poses(self, snapshots: list[Snapshot], times: Array) -> None:
         geometry.send_poses(

@@ -77,6 +77,27 @@ def test_one_object_that_stands_alone_has_no_corners(radius):
     assert discs((0.40775221, 0.46534497, radius)).corners.shape == (0, 2)
 
 
+@pytest.mark.parametrize("depth", [1e-3, 1e-5, 1e-7])
+def test_corners_are_found_however_little_a_disc_passes_the_edge(depth):
+    radius, top = 0.25, 1.0 + depth
+    half_chord = np.sqrt(radius**2 - (radius - depth) ** 2)
+    corners = discs((0.5, top - radius, radius)).corners
+    expected = [[0.5 - half_chord, 1.0], [0.5 + half_chord, 1.0]]
+    np.testing.assert_allclose(np.sort(corners, axis=0), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("depth", [1e-3, 1e-5, 1e-7])
+def test_corners_are_found_however_little_two_discs_overlap(depth):
+    radius = 0.2
+    apart = radius - 0.5 * depth
+    toward = np.array([np.cos(0.7), np.sin(0.7)])
+    across = np.array([-toward[1], toward[0]]) * np.sqrt(radius**2 - apart**2)
+    first, second = 0.5 - apart * toward, 0.5 + apart * toward
+    corners = discs((*first, radius), (*second, radius)).corners
+    for expected in (0.5 + across, 0.5 - across):
+        assert np.linalg.norm(corners - expected, axis=1).min(initial=1.0) < 1e-6
+
+
 @given(seeds)
 def test_corners_are_free_and_lie_on_two_limits(seed):
     space = random_space(seed)
