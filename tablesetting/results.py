@@ -4,6 +4,7 @@ A file under its final name is complete: all but the growing table of rows are w
 to a temporary name and then renamed.
 """
 
+import contextlib
 import csv
 import json
 import os
@@ -57,7 +58,7 @@ class RunFolder:
             path.mkdir(parents=True)
         except OSError as error:
             raise OutputError(
-                f"cannot write to '{path}': {error.strerror}; choose another --out"
+                f"cannot write to '{path}': {_reason(error)}; choose another --out"
             ) from error
         return cls(path)
 
@@ -81,25 +82,31 @@ class RunFolder:
             temporary.replace(final)
         except OSError as error:
             raise OutputError(
-                f"cannot write '{final}': {error.strerror}; free some space or "
+                f"cannot write '{final}': {_reason(error)}; free some space or "
                 "choose another --out"
             ) from error
         finally:
-            temporary.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                temporary.unlink()
 
     def append_row(self, row: Mapping[str, Any], name: str = ROUNDS) -> None:
         """Append a row to a table, which takes its header from the first one."""
         path = self.path / name
         try:
-            is_new = not path.exists()
-            with path.open("a", newline="", encoding="utf-8") as file:
+            with path.open("a+", newline="", encoding="utf-8") as file:
+                file.seek(0)
+                header = next(csv.reader(file), None)
                 writer = csv.DictWriter(file, list(row), lineterminator="\n")
-                if is_new:
+                if header is None:
                     writer.writeheader()
+                elif header != writer.fieldnames:
+                    raise ValueError(
+                        f"'{path}' has the columns {header}; got {writer.fieldnames}"
+                    )
                 writer.writerow(row)
         except OSError as error:
             raise OutputError(
-                f"cannot write '{path}': {error.strerror}; free some space"
+                f"cannot write '{path}': {_reason(error)}; free some space"
             ) from error
 
 
@@ -130,7 +137,7 @@ def read_json(path: Path, expected_format: str) -> dict[str, Any]:
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InvalidFile(
-            f"cannot read '{path}': {error.strerror}; check the path"
+            f"cannot read '{path}': {_reason(error)}; check the path"
         ) from error
     except (ValueError, RecursionError) as error:
         raise InvalidFile(f"'{path}' is not valid JSON: {error}") from error
@@ -145,6 +152,11 @@ def read_json(path: Path, expected_format: str) -> dict[str, Any]:
 def numbers(rows: Sequence[Mapping[str, str]], column: str) -> list[float]:
     """Return a column as numbers; an empty cell becomes NaN."""
     return [float(row[column]) if row[column] else float("nan") for row in rows]
+
+
+def _reason(error: OSError) -> str:
+    """Say what went wrong; an error without a number has no `strerror`."""
+    return error.strerror or str(error)
 
 
 def _clear(path: Path, *, overwrite: bool) -> None:

@@ -5,8 +5,13 @@ os.environ.setdefault("MUJOCO_GL", "disable")
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from tablesetting.scene.scene import Scene
+
+# Machines are noisy; the same examples every time.
+settings.register_profile("tests", deadline=None, derandomize=True)
+settings.load_profile("tests")
 
 VASE_LAYOUT = np.array([[0.2, 0.3], [0.7, 0.7], [0.2, 0.75], [0.75, 0.25]])
 SPOON_LAYOUT = np.array(

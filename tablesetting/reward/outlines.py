@@ -7,12 +7,11 @@ import numpy as np
 from tablesetting.irl.arrays import Array, Indices
 from tablesetting.reward.footprint import Footprint, stadium_outline
 
-_SPACING = 0.02  # Between samples, in table units.
-_LEAST_SAMPLES = 8
+_SPACING = 0.02  # Between samples, in table units, or less.
 
 
 class Outlines:
-    """Closed outlines, sampled evenly; samples of one outline stand together.
+    """Closed outlines and samples of them, which stand together for each outline.
 
     Attributes:
         radius: Radius of each obstacle, shape (K,), in table units.
@@ -28,17 +27,34 @@ class Outlines:
         self._centers = centers
         self.radius = np.array([obstacle.radius for obstacle in obstacles])
         self.half_length = np.array([obstacle.half_length for obstacle in obstacles])
-        perimeters = np.array([obstacle.perimeter for obstacle in obstacles])
-        counts = np.ceil(perimeters / _SPACING).astype(int)
-        counts = np.maximum(counts, _LEAST_SAMPLES)
+        sampled = [self._sample(k, obstacles) for k in range(len(obstacles))]
+        counts = np.array([len(arcs) for arcs in sampled], dtype=int)
+        self.owner: Indices = np.repeat(np.arange(len(counts)), counts)
+        self.arcs: Array = np.concatenate([np.empty(0), *sampled])
         first = np.cumsum(counts) - counts
-        self.owner: Indices = np.repeat(np.arange(len(obstacles)), counts)
         rank = np.arange(len(self.owner)) - first[self.owner]
-        self.spacing: Array = (perimeters / counts)[self.owner]
-        self.arcs: Array = rank * self.spacing
         count = counts[self.owner]
         self.following: Indices = first[self.owner] + (rank + 1) % count
         self.preceding: Indices = first[self.owner] + (rank - 1) % count
+        perimeters = np.array([obstacle.perimeter for obstacle in obstacles])
+        steps = self.arcs[self.following] - self.arcs
+        self.spacing: Array = np.where(
+            steps > 0.0, steps, steps + perimeters[self.owner]
+        )
+
+    def _sample(self, index: int, obstacles: Sequence[Footprint]) -> Array:
+        """Return the arc lengths of the samples on one outline, in their order."""
+        own = obstacles[index]
+        # Four extreme points, and those nearest to each other obstacle, are among the
+        # samples: an outline may pass a limit there by less than the spacing.
+        num_even = 4 * max(int(np.ceil(own.perimeter / _SPACING / 4)), 2)
+        even = np.linspace(0.0, own.perimeter, num_even, endpoint=False)
+        towards = np.delete(self._centers, index, axis=0) - self._centers[index]
+        reach = np.delete(self.half_length, index) + own.half_length
+        along = np.sign(towards[:, 1]) * np.maximum(np.abs(towards[:, 1]) - reach, 0.0)
+        angles = np.arctan2(along, towards[:, 0])
+        nearest = own.radius * angles + np.where(angles < 0.0, -1, 1) * own.half_length
+        return np.unique(np.concatenate([even, np.mod(nearest, own.perimeter)]))
 
     def points(self, owner: Indices, arcs: Array) -> Array:
         """Return the points at arc lengths along outlines, shape (S, 2)."""

@@ -63,6 +63,7 @@ PAPER = PlacementConfig(
         thin=25,
         target_acceptance=None,
         is_prior_uniform=False,
+        num_map_steps=0,
         starts_at_map=True,
     ),
     risk=RiskConfig(rank_offset=1),

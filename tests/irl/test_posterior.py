@@ -3,7 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tablesetting.irl.posterior import infer_posterior
+from tablesetting.irl.arrays import normalize_l1
+from tablesetting.irl.posterior import climb_to_map, infer_posterior
 from tablesetting.irl.sampler import McmcConfig, run_chains, sample_uniform_weights
 
 SHORT = McmcConfig(num_chains=3, num_steps=100, burn_in=20, thin=7)
@@ -14,6 +15,7 @@ PAPER_LIKE = McmcConfig(
     thin=25,
     target_acceptance=None,
     is_prior_uniform=False,
+    num_map_steps=0,
     starts_at_map=True,
 )
 
@@ -45,6 +47,27 @@ def test_the_papers_chain_gives_100_samples():
 def test_no_sample_is_more_probable_than_the_map():
     posterior = infer(SHORT)
     assert peaked(posterior.map_weights[None])[0] >= posterior.log_posts.max()
+
+
+def test_the_papers_map_is_the_best_sample_visited():
+    posterior = infer(replace(PAPER_LIKE, thin=1))
+    best = posterior.log_posts.argmax()
+    np.testing.assert_array_equal(posterior.map_weights, posterior.weights[best])
+
+
+@pytest.mark.parametrize("mode", [(0.6, -0.3, 0.1), (1.0, 0.0, 0.0), (0.0, -0.5, 0.5)])
+def test_the_search_climbs_from_a_good_sample_to_the_mode(mode):
+    """On a face of the L1 sphere, at its vertex and on an edge."""
+    rng = np.random.default_rng(0)
+
+    def log_likelihood(weights):
+        return -50.0 * np.square(weights - mode).sum(axis=1)
+
+    for noise in rng.normal(0.0, 0.1, (10, 3)):
+        start = normalize_l1(mode + noise)
+        found = climb_to_map(log_likelihood, start, 200, rng=rng)
+        assert np.abs(found).sum() == pytest.approx(1.0)
+        np.testing.assert_allclose(found, mode, atol=1e-3)
 
 
 def test_default_chains_mix_on_an_easy_target():

@@ -53,6 +53,7 @@ def test_preset_of_the_paper_holds_its_numbers():
         step_std=0.05,
         target_acceptance=None,
         is_prior_uniform=False,
+        num_map_steps=0,
         starts_at_map=True,
     )
     assert (PAPER.risk.alpha, PAPER.risk.rank_offset) == (0.95, 1)

@@ -27,9 +27,9 @@ def random_rewards(seed, num_points=20, num_objects=4):
 
 
 @pytest.mark.parametrize("name", ["object_width", "table_width"])
-@pytest.mark.parametrize("value", [0.0, -0.3, math.nan])
-def test_widths_that_are_not_positive_are_refused(name, value):
-    with pytest.raises(ValueError, match=f"`{name}` must be positive; got {value}"):
+@pytest.mark.parametrize("value", [0.04, -0.3, math.nan])
+def test_widths_that_the_grid_would_overlook_are_refused(name, value):
+    with pytest.raises(ValueError, match=f"`{name}` must be at least 0.05.*{value}"):
         RbfWidths(**{name: value})
 
 
