@@ -38,6 +38,7 @@ check: $(INSTALLED)  ## Check format, lint, types and layers.
 	$(BIN)/ruff format --check
 	$(BIN)/ruff check
 	$(BIN)/mypy
+	$(BIN)/mypy benchmarks/*.py
 	$(BIN)/lint-imports
 
 bench: $(INSTALLED)  ## Measure speed and memory.

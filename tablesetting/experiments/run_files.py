@@ -75,7 +75,7 @@ class RunFiles:
             "weights.json", weights_to_json(posterior.map_weights, problem.task, widths)
         )
         self._folder.write("posterior.npz", lambda path: _save_posterior(path, latest))
-        self._draw(latest)
+        self._draw_query(latest)
 
     def write_summary(self, stopped: str) -> dict[str, Any]:
         """Write the final figures, and return them."""
@@ -96,6 +96,8 @@ class RunFiles:
             ),
             "seconds": self._seconds(),
         }
+        figure = plot_learning(read_rows(self._folder.path / ROUNDS), self._title)
+        self._folder.write("figures/learning.png", figure.savefig)
         self._folder.write_json(SUMMARY, summary)
         return summary
 
@@ -110,24 +112,23 @@ class RunFiles:
         }
         return {name: round(value, 3) for name, value in seconds.items()}
 
-    def _draw(self, latest: RunRound) -> None:
+    @property
+    def _title(self) -> str:
+        return f"place {self._setup.problem.task.item}, {self._config.strategy}"
+
+    def _draw_query(self, latest: RunRound) -> None:
         problem, query = self._setup.problem, latest.learning.query
         demos = f"{latest.num_demos} demonstration{'s' * (latest.num_demos > 1)}"
-        title = f"place {problem.task.item}, {self._config.strategy}"
         weights = latest.learning.posterior.map_weights
-        rows = read_rows(self._folder.path / ROUNDS)
-        figures = {
-            "learning": plot_learning(rows, title),
-            f"query_{latest.num_demos:02d}": plot_query(
-                problem.reward_map(weights, query, _MAP_SIZE),
-                problem.space.outlines(query),
-                latest.placement.tolist(),
-                latest.answer.placement.tolist(),
-                f"{title}: after {demos}",
-            ),
-        }
-        for name, figure in figures.items():
-            self._folder.write(f"figures/{name}.png", figure.savefig)
+        figure = plot_query(
+            problem.reward_map(weights, query, _MAP_SIZE),
+            problem.space.outlines(query),
+            latest.placement.tolist(),
+            latest.answer.placement.tolist(),
+            f"{self._title}: after {demos}",
+        )
+        name = f"figures/query_{latest.num_demos:02d}.png"
+        self._folder.write(name, figure.savefig)
 
 
 def summarize_attempts(attempts: list[Attempt]) -> dict[str, float | int | None]:

@@ -1,0 +1,74 @@
+"""Repeat a run under many seeds and sum up how well it learned and placed.
+
+`python benchmarks/seeds.py vase --seeds 10 --out DIR [options of tablesetting run]`
+"""
+
+import argparse
+import contextlib
+import io
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from tablesetting import cli
+from tablesetting.results import ROUNDS, numbers, read_rows
+
+
+def main() -> int:
+    """Run all seeds that have not been run yet; print the summary."""
+    options, run_options = _parse_options()
+    rows, last_rows = [], []
+    for seed in range(options.seeds):
+        folder = options.out / f"{options.task}-{seed}"
+        if not (folder / "summary.json").exists():
+            _run(options.task, seed, folder, run_options)
+        found = read_rows(folder / ROUNDS)
+        rows += found
+        last_rows.append(found[-1])
+    _print_learning(last_rows)
+    _print_executions([row for row in rows if row["commanded_x"]])
+    return 0
+
+
+def _parse_options() -> tuple[argparse.Namespace, list[str]]:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("task", choices=("vase", "spoon"))
+    parser.add_argument("--seeds", type=int, default=10, help="seeds 0 to N - 1")
+    parser.add_argument("--out", type=Path, required=True, help="folder of all runs")
+    return parser.parse_known_args()
+
+
+def _run(task: str, seed: int, folder: Path, options: list[str]) -> None:
+    argv = ["run", task, "--seed", str(seed), "--out", str(folder), "--overwrite"]
+    with contextlib.redirect_stdout(io.StringIO()):
+        code = cli.main([*argv, *options])
+    if code:
+        sys.exit(code)
+
+
+def _print_learning(rows: list[dict[str, str]]) -> None:
+    print(f"{len(rows)} runs, after {rows[0]['num_demos']} demonstrations or fewer:")
+    for column in ("mean_placement_error", "max_placement_error", "var_bound"):
+        values = np.array(numbers(rows, column))
+        error = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.nan
+        print(f"  {column:<24}{values.mean():.4f} +- {error:.4f} (standard error)")
+
+
+def _print_executions(rows: list[dict[str, str]]) -> None:
+    made = [row for row in rows if row["settled_x"]]
+    good = [row for row in made if row["success"] == "True"]
+    print(f"{len(rows)} placements commanded, {len(rows) - len(made)} refused")
+    print(f"  {'succeeded':<24}{len(good)} of {len(made)}")
+    for column in ("execution_error_mm", "tilt_deg", "bystander_shift_mm"):
+        if made:
+            quantiles = np.quantile(numbers(made, column), (0.5, 0.95, 1.0))
+            median, high, largest = (f"{value:.3f}" for value in quantiles)
+            print(f"  {column:<24}median {median}, 95 % {high}, largest {largest}")
+    for row in rows:
+        if row["failure"]:
+            print(f"  failure: {row['failure']}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
