@@ -103,10 +103,9 @@ def _act(
     scene: Scene,
     recorder: RunRecorder,
 ) -> Attempt:
-    """Let the arm put the item where the best guess has it lie best on the table."""
-    target = problem.best_resting_placement(
-        learning.posterior.map_weights, learning.query
-    )
+    """Let the arm put the item where the best guess wants it and it fits."""
+    best_guess = learning.posterior.map_weights
+    target = problem.best_free_placement(best_guess, learning.query)
     attempt = place(scene, recorder, learning.query, target)
     recorder.log_execution(execution_view(attempt))
     return attempt

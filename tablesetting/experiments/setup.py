@@ -10,6 +10,7 @@ from tablesetting.experiments.config import RunConfig
 from tablesetting.experiments.validation import ValidationSet
 from tablesetting.irl.arrays import Array
 from tablesetting.reward.files import read_layouts
+from tablesetting.reward.layout import LayoutSpace
 from tablesetting.reward.problem import PRESETS, PlacementProblem
 from tablesetting.reward.tasks import TASKS
 
@@ -124,12 +125,10 @@ def _validation_set(
     rng: np.random.Generator,
 ) -> ValidationSet:
     choice = config.layouts or defaults.layouts
-    if choice == "uniform":
-        # Random points may overlap, so that nothing has a size.
-        points = replace(problem.config, are_points=True)
-        problem = PlacementProblem(problem.task, points)
     if choice in ("uniform", "valid"):
-        layouts = problem.space.sample(config.num_layouts, rng=rng)
+        is_uniform = choice == "uniform"  # Points may stand anywhere.
+        space = LayoutSpace.of_task(problem.task, are_points=is_uniform)
+        layouts = space.sample(config.num_layouts, rng=rng)
     else:
         layouts = _given_layouts(problem, Path(choice))
     return ValidationSet.of_problem(problem, layouts)

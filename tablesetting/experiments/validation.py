@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from tablesetting.irl.arrays import Array
-from tablesetting.reward.free_space import FreeSpace
 from tablesetting.reward.placement import best_placements
 from tablesetting.reward.problem import PlacementProblem
 
@@ -16,23 +15,19 @@ class ValidationSet:
 
     Attributes:
         layouts: Test layouts, shape (L, K, 2), in table units.
-        spaces: Where the item may be in each.
         widths: Widths of the reward's RBFs, shape (K + 9,).
         true_placements: The person's placements, shape (L, 2), in table units.
     """
 
     layouts: Array
-    spaces: list[FreeSpace]
     widths: Array
     true_placements: Array
 
     @classmethod
     def of_problem(cls, problem: PlacementProblem, layouts: Array) -> "ValidationSet":
         """Let the task's true weights place the item in every layout."""
-        spaces = problem.free_spaces(layouts)
-        truth = problem.task.true_weights[None]
-        placements = best_placements(truth, layouts, problem.widths, spaces)
-        return cls(layouts, spaces, problem.widths, placements[:, 0])
+        placements = problem.best_placements(problem.task.true_weights[None], layouts)
+        return cls(layouts, problem.widths, placements[:, 0])
 
     def placement_errors(self, weights: Array) -> Array:
         """Return the placement error in every layout, shape (L,), in table units.
@@ -40,7 +35,5 @@ class ValidationSet:
         Args:
             weights: Learned weights, shape (K + 9,).
         """
-        placements = best_placements(
-            weights[None], self.layouts, self.widths, self.spaces
-        )
+        placements = best_placements(weights[None], self.layouts, self.widths)
         return np.linalg.norm(placements[:, 0] - self.true_placements, axis=-1)

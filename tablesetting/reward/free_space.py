@@ -12,7 +12,6 @@ from tablesetting.reward.outlines import Outlines
 
 _SECTIONS = np.linspace(0.0, 1.0, 17)  # Cuts of a bracket around a crossing,
 _NUM_CUTS = 9  # made so often that 0.02 becomes 3e-13.
-_SUBCELLS = 8  # Per side of a quadrature cell, to find how much of it is free.
 _TOL = 1e-9  # Points on an outline count as free.
 
 
@@ -105,25 +104,3 @@ class FreeSpace:
             start = cuts[rows, is_past.argmax(axis=1) - 1]
             spacing = spacing * _SECTIONS[1]
         return outlines.points(owner, start)
-
-    def quadrature(self, num_cells: int) -> tuple[Array, Array]:
-        """Cut the free space into square cells for an integral over it.
-
-        Args:
-            num_cells: Cells along each side of the unit square.
-
-        Returns:
-            The centroid of the free part of each cell (G, 2), in table units, and its
-            area (G,), 0 for a cell that is not free at all; G = num_cells squared.
-        """
-        fine = num_cells * _SUBCELLS
-        ticks = (np.arange(fine) + 0.5) / fine
-        points = np.stack(np.meshgrid(ticks, ticks), axis=-1)
-        blocks = (num_cells, _SUBCELLS, num_cells, _SUBCELLS)
-        is_free = self.contains(points).astype(float)
-        counts = is_free.reshape(blocks).sum(axis=(1, 3))
-        moments = (is_free[..., None] * points).reshape(*blocks, 2).sum(axis=(1, 3))
-        centers = points.reshape(*blocks, 2).mean(axis=(1, 3))
-        shared = np.maximum(counts, 1.0)[..., None]
-        centroids = np.where(counts[..., None] > 0, moments / shared, centers)
-        return centroids.reshape(-1, 2), counts.ravel() / fine**2

@@ -27,14 +27,12 @@ class LayoutSpace:
         footprints: Their footprints, one each.
         item: Footprint of the item to place.
         clearance: Room around the item, in table units.
-        receptacles: Objects that the item may be put into.
     """
 
     objects: tuple[str, ...]
     footprints: tuple[Footprint, ...]
     item: Footprint
     clearance: float
-    receptacles: tuple[str, ...]
 
     @classmethod
     def of_task(cls, task: PlacementTask, *, are_points: bool) -> "LayoutSpace":
@@ -45,23 +43,11 @@ class LayoutSpace:
             footprints=tuple(sizes[name] for name in task.objects),
             item=sizes[task.item],
             clearance=task.clearance,
-            receptacles=task.receptacles,
         )
 
-    def free_space(self, layout: Array, *, on_table: bool = False) -> FreeSpace:
-        """Return where the item may be in a layout, shape (K, 2).
-
-        Args:
-            layout: Object centers, in table units.
-            on_table: Whether the item must lie on the table, not in a receptacle.
-        """
-        kept = [
-            k
-            for k, name in enumerate(self.objects)
-            if on_table or name not in self.receptacles
-        ]
-        footprints = [self.footprints[k] for k in kept]
-        return FreeSpace.around(layout[kept], footprints, self.item, self.clearance)
+    def free_space(self, layout: Array) -> FreeSpace:
+        """Return where the item fits in a layout, shape (K, 2), in table units."""
+        return FreeSpace.around(layout, self.footprints, self.item, self.clearance)
 
     def are_apart(self, layouts: Array) -> Booleans:
         """Tell in which layouts, shape (L, K, 2), no two objects touch, shape (L,)."""
@@ -72,8 +58,7 @@ class LayoutSpace:
 
     def has_room(self, layout: Array) -> bool:
         """Tell whether the item fits anywhere on the table."""
-        space = self.free_space(layout, on_table=True)
-        return bool(space.contains(_ROOM_GRID).any())
+        return bool(self.free_space(layout).contains(_ROOM_GRID).any())
 
     def check(self, layout: Array) -> None:
         """Refuse a layout that cannot be set up.

@@ -7,7 +7,6 @@ from typing import Literal
 import numpy as np
 
 from tablesetting.irl.arrays import Array, log_sum_exp
-from tablesetting.reward.free_space import FreeSpace
 from tablesetting.reward.rbf import all_centers, rbf_features
 
 
@@ -31,9 +30,9 @@ class BoltzmannConfig:
     beta: float = 100.0
     """Rationality of the demonstrator."""
     quadrature: Literal["cells", "lattice"] = "cells"
-    """Integrate over square cells of the free space, or sum over a lattice of points
-    that includes the edges of the square, as the authors' released code does."""
-    resolution: int = 48
+    """Integrate over square cells, or sum over a lattice of points that includes the
+    edges of the square, as the authors' released code does."""
+    resolution: int = 32
     """Cells or lattice points along each side."""
 
     def __post_init__(self) -> None:
@@ -42,57 +41,38 @@ class BoltzmannConfig:
         if self.resolution < 2:
             raise ValueError(f"`resolution` must be at least 2; got {self.resolution}")
 
-    def nodes(self, space: FreeSpace) -> tuple[Array, Array]:
-        """Return the points (G, 2) and weights (G,) of the normaliser's sum."""
-        if self.quadrature == "cells":
-            return space.quadrature(self.resolution)
+    def nodes(self) -> Array:
+        """Return the points of the normaliser's sum, shape (G, 2), of equal weight."""
         ticks = np.linspace(0.0, 1.0, self.resolution)
-        points = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
-        return points, np.full(len(points), 1.0 / len(points))
+        if self.quadrature == "cells":
+            ticks = (np.arange(self.resolution) + 0.5) / self.resolution
+        return np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
 
 
 class BoltzmannLikelihood:
     r"""A demonstrator who prefers good placements to the degree :math:`\beta`.
 
-    .. math:: P(x \mid C, w) = e^{\beta R_w(x; C)} / \int_F e^{\beta R_w(y; C)} dy
+    .. math:: P(x \mid C, w) = e^{\beta R_w(x; C)} / \int e^{\beta R_w(y; C)} dy
 
-    over the free space F of the layout C (Bayesian IRL, Ramachandran and Amir 2007, for
-    one placement). Features of demonstrations and normalisers are computed once.
+    over the unit square (Bayesian IRL, Ramachandran and Amir 2007, for one placement).
+    Features of demonstrations and normalisers are computed once.
     """
 
     def __init__(
-        self,
-        demos: Sequence[Demonstration],
-        free_spaces: Sequence[FreeSpace],
-        widths: Array,
-        config: BoltzmannConfig,
+        self, demos: Sequence[Demonstration], widths: Array, config: BoltzmannConfig
     ):
         self._beta = config.beta
+        self._num_demos = len(demos)
         centers = all_centers(np.stack([demo.layout for demo in demos]))
         placements = np.stack([demo.placement for demo in demos])
         self._shown = rbf_features(placements[:, None], centers, widths)[:, 0].sum(0)
-        points, areas = _stack_nodes([config.nodes(space) for space in free_spaces])
-        features = rbf_features(points, centers, widths)  # (D, G, F)
+        nodes = config.nodes()
+        features = rbf_features(nodes, centers, widths)  # (D, G, F)
         self._features = features.reshape(-1, features.shape[-1]).T
-        with np.errstate(divide="ignore"):
-            self._log_areas = np.log(areas)
+        self._log_num_nodes = np.log(len(nodes))
 
     def __call__(self, weights: Array) -> Array:
         """Evaluate the log likelihood of weights, shape (C, F), as shape (C,)."""
-        rewards = (weights @ self._features).reshape(-1, *self._log_areas.shape)
-        normalisers = log_sum_exp(self._beta * rewards + self._log_areas)
+        rewards = (weights @ self._features).reshape(len(weights), self._num_demos, -1)
+        normalisers = log_sum_exp(self._beta * rewards) - self._log_num_nodes
         return self._beta * (weights @ self._shown) - normalisers.sum(axis=-1)
-
-
-def _stack_nodes(nodes: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Stack the nodes of all demonstrations, as few of no area as the shape allows.
-
-    Returns:
-        Points, shape (D, G, 2), and areas, shape (D, G).
-    """
-    points = np.stack([points for points, _ in nodes])
-    areas = np.stack([areas for _, areas in nodes])
-    most = int(np.count_nonzero(areas, axis=1).max())
-    order = np.argsort(areas == 0.0, axis=1, kind="stable")[:, :most]
-    points = np.take_along_axis(points, order[..., None], axis=1)
-    return points, np.take_along_axis(areas, order, axis=1)

@@ -10,7 +10,6 @@ from tablesetting.irl.active import RiskConfig
 from tablesetting.irl.arrays import Array
 from tablesetting.irl.posterior import Posterior, infer_posterior
 from tablesetting.irl.sampler import McmcConfig
-from tablesetting.reward.free_space import FreeSpace
 from tablesetting.reward.layout import LayoutSpace
 from tablesetting.reward.likelihood import (
     BoltzmannConfig,
@@ -93,9 +92,8 @@ class PlacementProblem:
         rng: np.random.Generator,
     ) -> Posterior:
         """Sample the posterior of the weights given the demonstrations."""
-        spaces = [self.space.free_space(demo.layout) for demo in demos]
         return infer_posterior(
-            BoltzmannLikelihood(demos, spaces, self.widths, self.config.boltzmann),
+            BoltzmannLikelihood(demos, self.widths, self.config.boltzmann),
             len(self.widths),
             self.config.mcmc,
             previous_map=None if previous is None else previous.map_weights,
@@ -122,12 +120,15 @@ class PlacementProblem:
         return np.linalg.norm(placements[:, 1:] - placements[:, :1], axis=-1)
 
     def demonstrate(self, query: Array) -> Demonstration:
-        """Put the item where the task's true weights want it most."""
+        """Show where the task's true weights want the item most.
+
+        A wish: something may stand there.
+        """
         placement = self.best_placements(self.task.true_weights[None], query[None])
         return Demonstration(query, placement[0, 0])
 
     def best_placements(self, weights: Array, layouts: Array) -> Array:
-        """Find the best free placement of each reward in each layout.
+        """Find the best placement of each reward in each layout, free or not.
 
         Args:
             weights: Reward weights, shape (N, K + 9).
@@ -136,11 +137,7 @@ class PlacementProblem:
         Returns:
             Placements, shape (L, N, 2), in table units.
         """
-        return best_placements(weights, layouts, self.widths, self.free_spaces(layouts))
-
-    def free_spaces(self, layouts: Array) -> list[FreeSpace]:
-        """Return where the item may be in each layout, shape (L, K, 2)."""
-        return [self.space.free_space(layout) for layout in layouts]
+        return best_placements(weights, layouts, self.widths)
 
     def reward_map(self, weights: Array, layout: Array, size: int) -> Array:
         """Evaluate a reward on a lattice that spans the unit square.
@@ -157,11 +154,16 @@ class PlacementProblem:
         points = np.stack(np.meshgrid(ticks, ticks), axis=-1)
         return rbf_features(points, all_centers(layout), self.widths) @ weights
 
-    def best_resting_placement(self, weights: Array, layout: Array) -> Array:
-        """Find where the item lies best on the table itself, shape (2,).
+    def best_free_placement(self, weights: Array, layout: Array) -> Array:
+        """Find the best placement where the item fits physically.
 
-        The same as the best placement unless that is in a receptacle.
+        Args:
+            weights: Reward weights, shape (K + 9,).
+            layout: Object centers, shape (K, 2), in table units.
+
+        Returns:
+            The placement, shape (2,), in table units.
         """
-        spaces = [self.space.free_space(layout, on_table=True)]
+        spaces = [self.space.free_space(layout)]
         found = best_placements(weights[None], layout[None], self.widths, spaces)
         return found[0, 0]

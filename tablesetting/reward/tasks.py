@@ -33,7 +33,6 @@ class PlacementTask:
         table_weights: The true weights of the nine RBFs fixed on the table.
         clearance: Room that the item and the fingers around it need between footprints,
             in table units.
-        receptacles: Objects that a person may put the item into.
         first_layout: The paper's first layout, or None where it was random.
     """
 
@@ -43,11 +42,10 @@ class PlacementTask:
     object_weights: tuple[float, ...]
     table_weights: tuple[float, ...]
     clearance: float
-    receptacles: tuple[str, ...] = ()
     first_layout: tuple[tuple[float, float], ...] | None = None
 
     def __post_init__(self) -> None:
-        for name in (*self.objects, self.item, *self.receptacles):
+        for name in (*self.objects, self.item):
             if name not in FOOTPRINTS:
                 raise ValueError(
                     f"task '{self.name}' names '{name}', which has no footprint; "
@@ -88,7 +86,6 @@ SPOON = PlacementTask(
     object_weights=(1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     table_weights=(0.0,) * 9,
     clearance=0.04,
-    receptacles=("bowl",),
 )
 """The spoon in the bowl."""
 
