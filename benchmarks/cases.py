@@ -6,7 +6,7 @@ import numpy as np
 
 from tablesetting.irl.arrays import Array
 from tablesetting.reward.likelihood import Demonstration
-from tablesetting.reward.problem import DEFAULT, PAPER, PlacementProblem
+from tablesetting.reward.problem import PAPER, PlacementProblem
 from tablesetting.reward.tasks import SPOON, VASE, PlacementTask
 
 TASKS = (VASE, SPOON)
@@ -19,14 +19,6 @@ NUM_ROUNDS = 11  # The first demonstration and ten queries.
 def make_rng() -> np.random.Generator:
     """Start the stream of random numbers that candidates, chains and restarts draw from."""
     return np.random.default_rng(0)
-
-
-def table_kinds(task: PlacementTask) -> list[tuple[str, PlacementProblem]]:
-    """Return a task with and without objects that take up room."""
-    return [
-        (f"{task.name}, points", PlacementProblem(task, PAPER)),
-        (f"{task.name}, true size", PlacementProblem(task, DEFAULT)),
-    ]
 
 
 def demonstrations(problem: PlacementProblem, num_demos: int) -> list[Demonstration]:

@@ -132,7 +132,7 @@ def _bench(task: PlacementTask) -> _Bench:
     problem = PlacementProblem(task, DEFAULT)
     layouts = problem.space.sample(_NUM_LAYOUTS, rng=np.random.default_rng(0))
     targets = [
-        problem.best_resting_placement(task.true_weights, layout) for layout in layouts
+        problem.best_free_placement(task.true_weights, layout) for layout in layouts
     ]
     scene = Scene(task.objects, task.item)
     return _Bench(scene, layouts, scene.frame.to_world(np.array(targets)))

@@ -1,13 +1,14 @@
 """The method of the paper as plain loops: what the package is measured against.
 
 Best placements by gradient ascent from random restarts, the posterior by a chain that
-evaluates every RBF anew at each step, one number at a time. Among objects of true size
-an ascent ends at the first one in its way, so that there it does less than the package
-does, and misses more.
+evaluates every RBF anew at each step, one number at a time. The paper's item may stand
+anywhere; where it must fit, an ascent would end at the first object in its way, and a
+scan takes its place.
 """
 
 import math
 from collections.abc import Callable, Sequence
+from statistics import fmean
 
 import numpy as np
 
@@ -19,11 +20,12 @@ from tablesetting.reward.rbf import all_centers
 _NUM_RESTARTS = 10
 _NUM_STEPS = 50
 _STEP_SIZE = 0.05
+_NUM_TICKS = 51  # Points of the scan along a side, 0.02 apart.
 
 Rbf = tuple[float, float, float, float]
 """Weight, center x, center y and width of one RBF."""
-Node = tuple[float, float, float]
-"""Point x, point y and area of one term of a normaliser."""
+Node = tuple[float, float]
+"""Point x and point y of one term of a normaliser."""
 
 
 def make_rbfs(weights: Array, layout: Array, widths: Array) -> list[Rbf]:
@@ -53,32 +55,39 @@ def gradient(x: float, y: float, rbfs: Sequence[Rbf]) -> tuple[float, float]:
 
 
 def best_placement(
-    rbfs: Sequence[Rbf], space: FreeSpace, *, rng: np.random.Generator
+    rbfs: Sequence[Rbf], *, rng: np.random.Generator
 ) -> tuple[float, float]:
-    """Climb from random free points, and keep the best end."""
+    """Climb from random points, and keep the best end."""
     best, best_reward = (math.nan, math.nan), -math.inf
     for _ in range(_NUM_RESTARTS):
-        x, y = _climb(_random_free_point(space, rng), rbfs, space)
+        x, y = _climb(rng.random(), rng.random(), rbfs)
         value = reward(x, y, rbfs)
         if value > best_reward:
             best, best_reward = (x, y), value
     return best
 
 
+def best_free_placement(rbfs: Sequence[Rbf], space: FreeSpace) -> tuple[float, float]:
+    """Scan a lattice for the best point where the item fits."""
+    ticks = [index / (_NUM_TICKS - 1) for index in range(_NUM_TICKS)]
+    free = [(x, y) for x in ticks for y in ticks if _is_free(x, y, space)]
+    return max(free, key=lambda point: reward(*point, rbfs))
+
+
 def log_likelihood(
     weights: Array,
     demos: Sequence[Demonstration],
-    nodes: Sequence[Sequence[Node]],
+    nodes: Sequence[Node],
     widths: Array,
     beta: float,
 ) -> float:
     """Evaluate the Boltzmann likelihood of weights (D,), demonstration by demonstration."""
     total = 0.0
-    for demo, terms in zip(demos, nodes, strict=True):
+    for demo in demos:
         rbfs = make_rbfs(weights, demo.layout, widths)
-        exponents = [beta * reward(x, y, rbfs) + math.log(area) for x, y, area in terms]
+        exponents = [beta * reward(x, y, rbfs) for x, y in nodes]
         peak = max(exponents)
-        normaliser = sum(math.exp(exponent - peak) for exponent in exponents)
+        normaliser = fmean(math.exp(exponent - peak) for exponent in exponents)
         x, y = demo.placement.tolist()
         total += beta * reward(x, y, rbfs) - peak - math.log(normaliser)
     return total
@@ -104,27 +113,12 @@ def run_chain(
     return states
 
 
-def _climb(
-    start: tuple[float, float], rbfs: Sequence[Rbf], space: FreeSpace
-) -> tuple[float, float]:
-    x, y = start
+def _climb(x: float, y: float, rbfs: Sequence[Rbf]) -> tuple[float, float]:
     for _ in range(_NUM_STEPS):
         slope_x, slope_y = gradient(x, y, rbfs)
-        next_x = min(max(x + _STEP_SIZE * slope_x, 0.0), 1.0)
-        next_y = min(max(y + _STEP_SIZE * slope_y, 0.0), 1.0)
-        if not _is_free(next_x, next_y, space):
-            break
-        x, y = next_x, next_y
+        x = min(max(x + _STEP_SIZE * slope_x, 0.0), 1.0)
+        y = min(max(y + _STEP_SIZE * slope_y, 0.0), 1.0)
     return x, y
-
-
-def _random_free_point(
-    space: FreeSpace, rng: np.random.Generator
-) -> tuple[float, float]:
-    while True:
-        x, y = rng.random(2).tolist()
-        if _is_free(x, y, space):
-            return x, y
 
 
 def _is_free(x: float, y: float, space: FreeSpace) -> bool:

@@ -22,27 +22,38 @@ from tablesetting.reward.likelihood import BoltzmannLikelihood, Demonstration
 from tablesetting.reward.problem import PlacementProblem
 
 
-def plain_placements(
-    problem: PlacementProblem, weights: Array, layouts: Array
-) -> Array:
-    """Do what `PlacementProblem.best_placements` does, one by one."""
+def plain_placements(weights: Array, layouts: Array, widths: Array) -> Array:
+    """Do what `best_placements` does on the square, one by one."""
     rng = make_rng()
     best = np.empty((len(layouts), len(weights), 2))
     for i, layout in enumerate(layouts):
-        space = problem.space.free_space(layout)
         for j, sample in enumerate(weights):
-            rbfs = plain.make_rbfs(sample, layout, problem.widths)
-            best[i, j] = plain.best_placement(rbfs, space, rng=rng)
+            rbfs = plain.make_rbfs(sample, layout, widths)
+            best[i, j] = plain.best_placement(rbfs, rng=rng)
+    return best
+
+
+def plain_free_placements(
+    problem: PlacementProblem, weights: Array, layouts: Array
+) -> Array:
+    """Place for one reward, shape (D,), in every layout; return shape (L, 2)."""
+    best = np.empty((len(layouts), 2))
+    for i, layout in enumerate(layouts):
+        rbfs = plain.make_rbfs(weights, layout, problem.widths)
+        space = problem.space.free_space(layout)
+        best[i] = plain.best_free_placement(rbfs, space)
     return best
 
 
 def plain_inference(
     problem: PlacementProblem, demos: Sequence[Demonstration], num_steps: int
 ) -> Plain:
-    """Prepare a few steps of a plain chain with the same likelihood."""
+    """Prepare a few steps of a plain chain with the same likelihood.
+
+    The climb to the MAP and the adaptation of the proposal are left out.
+    """
     config, mcmc = problem.config.boltzmann, problem.config.mcmc
-    spaces = [problem.space.free_space(demo.layout) for demo in demos]
-    nodes = [_free_nodes(*config.nodes(space)) for space in spaces]
+    nodes = [tuple(node) for node in config.nodes().tolist()]
     log_post = partial(
         plain.log_likelihood,
         demos=demos,
@@ -51,7 +62,7 @@ def plain_inference(
         beta=config.beta,
     )
     start = sample_uniform_weights(1, len(problem.widths), rng=make_rng())
-    fast = BoltzmannLikelihood(demos, spaces, problem.widths, config)
+    fast = BoltzmannLikelihood(demos, problem.widths, config)
     np.testing.assert_allclose(log_post(start[0]), fast(start)[0], rtol=1e-9)
     chain = partial(plain.run_chain, log_post, start[0], num_steps, mcmc.step_std)
     return Plain(
@@ -77,12 +88,6 @@ def plain_trial(problem: PlacementProblem) -> Plain:
 
     def work() -> None:
         chain.work()
-        plain_placements(problem, weights, layouts)
+        plain_placements(weights, layouts, problem.widths)
 
     return Plain(work, share=share / NUM_ROUNDS)
-
-
-def _free_nodes(points: Array, areas: Array) -> list[plain.Node]:
-    """List the terms of a normaliser whose area is not 0."""
-    columns = np.column_stack([points, areas])[areas > 0.0]
-    return [tuple(row) for row in columns.tolist()]

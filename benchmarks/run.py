@@ -20,6 +20,7 @@ os.environ.setdefault("MUJOCO_GL", "disable")
 
 import learning
 import physics
+import placements
 from figure import Figure, Quantity, Timing
 
 from tablesetting.errors import TableSettingError
@@ -79,7 +80,7 @@ def _run(out: Path) -> None:
 
 
 def _all_figures() -> Iterator[Figure]:
-    for work in (*learning.FIGURES, *physics.FIGURES):
+    for work in (*placements.FIGURES, *learning.FIGURES, *physics.FIGURES):
         yield from work()
 
 

@@ -5,7 +5,7 @@ import io
 import itertools
 import os
 import re
-import subprocess
+import shutil
 import sys
 from collections.abc import Callable, Sequence
 from datetime import datetime
@@ -27,8 +27,6 @@ from tablesetting.results import RECORDING, RunFolder
 os.environ.setdefault("MUJOCO_GL", "disable")
 # The matrices are small: a second thread would only spin.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# What Rerun would log of a failure is told by our own errors.
-os.environ.setdefault("RUST_LOG", "off")
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 """Exit codes; 0 is success."""
@@ -102,6 +100,8 @@ def _is_rule(line: str) -> bool:
 
 
 def _run(config: RunConfig) -> int:
+    # What Rerun would log of a failure is told by our own errors.
+    os.environ.setdefault("RUST_LOG", "off")
     from tablesetting.experiments.run import run
     from tablesetting.experiments.setup import RunSetup
 
@@ -124,13 +124,15 @@ def _run(config: RunConfig) -> int:
         return INTERRUPTED
     recording = out / RECORDING
     print(f"recording: {recording} ({recording.stat().st_size / 1e6:.1f} MB)")
-    print(f"open it with: tablesetting inspect {out}")
+    program = "tablesetting" if shutil.which("tablesetting") else sys.argv[0]
+    print(f"open it with: {program} inspect {out}")
     return 0
 
 
 def _inspect(config: InspectConfig) -> int:
     from tablesetting.recording.screenshot import screenshot
     from tablesetting.recording.story import tell
+    from tablesetting.recording.viewer import view
 
     recording = config.run / RECORDING if config.run.is_dir() else config.run
     if config.screenshot is not None:
@@ -141,9 +143,8 @@ def _inspect(config: InspectConfig) -> int:
     if config.text:
         print(story)
         return 0
-    serve = ["--web-viewer", "--bind", "127.0.0.1"] if config.web else []
-    viewer = [sys.executable, "-m", "rerun_cli", *serve, str(recording)]
-    return FAILED if subprocess.run(viewer, check=False).returncode else 0
+    view(recording, in_browser=config.web)
+    return 0
 
 
 def _doctor(config: DoctorConfig) -> int:

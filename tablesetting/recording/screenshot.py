@@ -10,20 +10,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-import rerun_cli
 from rerun.experimental import ViewerClient
 
-from tablesetting.errors import TableSettingError
 from tablesetting.recording.entities import SIM_TIME
 from tablesetting.recording.reading import Recording
+from tablesetting.recording.viewer import LOCAL_ONLY, VIEWER, NoViewer
 
 _TIMEOUT = 60.0  # [s]; a software renderer takes about 3.
 _POLL = 0.1  # [s]
 _STILL = 2.0  # [s]
-
-
-class NoViewer(TableSettingError):
-    """Rerun's viewer does not start without a display."""
 
 
 def screenshot(
@@ -53,10 +48,9 @@ def screenshot(
 @contextmanager
 def _headless_viewer(size: tuple[int, int]) -> Iterator[ViewerClient]:
     port = _free_port()
-    # The console script would leave its child behind: start the binary itself.
     command = [
-        str(Path(rerun_cli.__file__).with_name("rerun")),
-        *("--headless", "--hide-welcome-screen", "--bind", "127.0.0.1"),
+        str(VIEWER),
+        *("--headless", "--hide-welcome-screen", *LOCAL_ONLY),
         *("--port", str(port), "--window-size", f"{size[0]}x{size[1]}"),
     ]
     # As in continuous integration, the viewer sends no usage data.

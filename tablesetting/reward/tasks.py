@@ -31,8 +31,8 @@ class PlacementTask:
         objects: What stands on the table; the order of rows in every layout.
         object_weights: The true weights of the RBFs on the objects.
         table_weights: The true weights of the nine RBFs fixed on the table.
-        clearance: Room that the item and the fingers around it need between footprints,
-            in table units.
+        clearance: Room that the item, and the fingers around it, need between
+            footprints, in table units.
         first_layout: The paper's first layout, or None where it was random.
     """
 

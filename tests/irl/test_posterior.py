@@ -72,9 +72,24 @@ def test_the_search_climbs_from_a_good_sample_to_the_mode(mode):
 
 def test_default_chains_mix_on_an_easy_target():
     posterior = infer(McmcConfig())
-    assert posterior.ess > 400
-    assert posterior.rhat < 1.01
+    assert posterior.ess >= 400
+    assert posterior.rhat <= 1.01
     np.testing.assert_allclose(posterior.map_weights, [0.6, -0.3, 0.1], atol=0.02)
+
+
+@pytest.mark.parametrize("dim", [13, 15])
+def test_default_chains_mix_where_nothing_is_known(dim):
+    """With as many weights as the tasks have."""
+    posterior = infer_posterior(
+        lambda weights: np.zeros(len(weights)),
+        dim,
+        McmcConfig(),
+        previous_map=None,
+        rng=np.random.default_rng(0),
+    )
+    assert posterior.weights.shape == (400, dim)
+    assert posterior.ess >= 400
+    assert posterior.rhat <= 1.01
 
 
 def test_chain_starts_next_to_the_previous_map_when_asked():

@@ -43,7 +43,7 @@ def sample_flat(config):
     [
         ({"num_chains": 0}, "`num_chains` must be at least 1; got 0"),
         ({"thin": 0}, "`thin` must be at least 1; got 0"),
-        ({"burn_in": 6000}, "got burn_in=6000 with num_steps=6000"),
+        ({"burn_in": 100, "num_steps": 100}, "got burn_in=100 with num_steps=100"),
         ({"burn_in": -1}, "got burn_in=-1"),
         ({"step_std": 0.0}, "`step_std` must be positive; got 0.0"),
         ({"step_std": math.nan}, "`step_std` must be positive; got nan"),

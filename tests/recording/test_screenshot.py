@@ -4,7 +4,8 @@ import matplotlib.image
 import pytest
 
 from tablesetting.errors import InvalidFile
-from tablesetting.recording.screenshot import NoViewer, screenshot
+from tablesetting.recording.screenshot import screenshot
+from tablesetting.recording.viewer import NoViewer
 
 
 def test_a_picture_shows_the_run(recorded: Path, tmp_path):

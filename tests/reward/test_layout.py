@@ -139,13 +139,22 @@ def test_same_seed_draws_the_same_layouts_however_many():
 
 
 @pytest.mark.parametrize("task", TASKS.values(), ids=lambda task: task.name)
-def test_item_keeps_off_all_objects_but_a_receptacle(task):
+def test_item_fits_only_at_its_clearance_from_every_object(task):
     space = LayoutSpace.of_task(task, are_points=False)
-    layout = space.sample(1, rng=np.random.default_rng(0))[0]
-    anywhere, on_table = (space.free_space(layout, on_table=flag) for flag in (0, 1))
-    for name, center in zip(task.objects, layout, strict=True):
-        assert anywhere.contains(center) == (name in task.receptacles)
-        assert not on_table.contains(center)
+    rng = np.random.default_rng(0)
+    layout, points = space.sample(1, rng=rng)[0], rng.random((2000, 2))
+    item = FOOTPRINTS[task.item]
+    gaps = [
+        FOOTPRINTS[name].grow(item, 0.0).distance(points - center)
+        for name, center in zip(task.objects, layout, strict=True)
+    ]
+    fits = np.min(gaps, axis=0) >= task.clearance
+    assert 0 < fits.sum() < len(points)
+    np.testing.assert_array_equal(space.free_space(layout).contains(points), fits)
+
+
+def test_points_are_in_nobodys_way():
+    assert POINTS.free_space(GOOD).contains(GOOD).all()
 
 
 def test_outlines_surround_things_and_mark_points():

@@ -6,8 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tablesetting.irl.sampler import sample_uniform_weights
-from tablesetting.reward.footprint import Footprint
-from tablesetting.reward.free_space import FreeSpace
 from tablesetting.reward.likelihood import (
     BoltzmannConfig,
     BoltzmannLikelihood,
@@ -20,9 +18,6 @@ from tablesetting.reward.tasks import SPOON, TASKS, VASE
 WIDTHS = np.full(13, 0.3)
 CELLS = BoltzmannConfig(resolution=8)
 LATTICE = BoltzmannConfig(quadrature="lattice", resolution=10)
-EVERYWHERE = FreeSpace(np.empty((0, 2)), ())
-HALF = FreeSpace(np.array([[-1.0, 0.5]]), (Footprint(1.5, half_length=5.0),))
-HOLE = FreeSpace(np.array([[0.3, 0.6]]), (Footprint(0.25),))
 
 
 def random_demos(num_demos, rng, num_objects=4):
@@ -32,7 +27,7 @@ def random_demos(num_demos, rng, num_objects=4):
     ]
 
 
-def plain_log_likelihood(weights, demos, spaces, config):
+def plain_log_likelihood(weights, demos, config):
     """Sum over demonstrations and nodes one at a time."""
 
     def reward(point, layout):
@@ -43,11 +38,9 @@ def plain_log_likelihood(weights, demos, spaces, config):
         )
 
     total = 0.0
-    for demo, space in zip(demos, spaces, strict=True):
-        normaliser = sum(
-            area * math.exp(config.beta * reward(point, demo.layout))
-            for point, area in zip(*config.nodes(space), strict=True)
-        )
+    for demo in demos:
+        exponents = [config.beta * reward(x, demo.layout) for x in config.nodes()]
+        normaliser = sum(map(math.exp, exponents)) / config.resolution**2
         total += config.beta * reward(demo.placement, demo.layout)
         total -= math.log(normaliser)
     return total
@@ -66,46 +59,60 @@ def test_settings_without_meaning_are_refused(setting, message):
         BoltzmannConfig(**setting)
 
 
-def test_lattice_includes_the_edges_and_weighs_all_points_alike():
-    points, weights = LATTICE.nodes(HOLE)
-    assert points.shape == (100, 2)
-    np.testing.assert_allclose(np.unique(points), np.arange(10) / 9)
-    np.testing.assert_array_equal(weights, 0.01)
+def test_lattice_includes_the_edges_and_cells_are_met_at_their_centres():
+    for config, ticks in (
+        (LATTICE, np.arange(10) / 9),
+        (CELLS, (np.arange(8) + 0.5) / 8),
+    ):
+        expected = {(x, y) for x in ticks for y in ticks}
+        nodes = config.nodes()
+        assert len(nodes) == len(expected)
+        assert {tuple(node) for node in nodes} == expected
 
 
-@pytest.mark.parametrize(
-    ("config", "space", "density"),
-    [(CELLS, EVERYWHERE, 1.0), (CELLS, HALF, 2.0), (LATTICE, HALF, 1.0)],
-)
-def test_without_preference_every_free_placement_is_equally_likely(
-    config, space, density
-):
+def test_the_mean_over_the_cells_is_the_integral_over_the_square():
+    nodes = BoltzmannConfig().nodes()
+    np.testing.assert_allclose(nodes.mean(axis=0), 0.5)
+    np.testing.assert_allclose((nodes**2).mean(axis=0), 1 / 3, atol=1e-4)
+    assert nodes.prod(axis=1).mean() == pytest.approx(1 / 4)
+
+
+@pytest.mark.parametrize("config", [CELLS, LATTICE], ids=["cells", "lattice"])
+def test_without_preference_every_placement_is_equally_likely(config):
     demos = random_demos(3, np.random.default_rng(0))
-    likelihood = BoltzmannLikelihood(demos, [space] * 3, WIDTHS, config)
-    expected = 3 * math.log(density)
-    np.testing.assert_allclose(likelihood(np.zeros((2, 13))), expected, atol=1e-12)
+    likelihood = BoltzmannLikelihood(demos, WIDTHS, config)
+    np.testing.assert_allclose(likelihood(np.zeros((2, 13))), 0.0, atol=1e-12)
 
 
-def test_two_nodes_by_hand():
+@pytest.mark.parametrize("config", [CELLS, LATTICE], ids=["cells", "lattice"])
+def test_likelihoods_of_all_nodes_add_up_to_their_number(config):
+    rng = np.random.default_rng(0)
+    layout, weights = rng.random((4, 2)), sample_uniform_weights(5, 13, rng=rng)
+    total = sum(
+        np.exp(BoltzmannLikelihood([Demonstration(layout, x)], WIDTHS, config)(weights))
+        for x in config.nodes()
+    )
+    np.testing.assert_allclose(total, config.resolution**2)
+
+
+def test_four_nodes_by_hand():
     # Four lattice points, the corners; a reward that is 1 at one and e^-r^2 elsewhere.
     config = BoltzmannConfig(beta=2.0, quadrature="lattice", resolution=2)
     demo = Demonstration(np.array([[0.0, 0.0]]), np.array([0.0, 0.0]))
     weights = np.eye(10)[:1]
-    likelihood = BoltzmannLikelihood([demo], [EVERYWHERE], np.ones(10), config)
+    likelihood = BoltzmannLikelihood([demo], np.ones(10), config)
     corners = [1.0, math.exp(-1.0), math.exp(-1.0), math.exp(-2.0)]
     normaliser = sum(math.exp(2.0 * reward) for reward in corners) / 4
     np.testing.assert_allclose(likelihood(weights), 2.0 - math.log(normaliser))
 
 
 @pytest.mark.parametrize("config", [CELLS, LATTICE], ids=["cells", "lattice"])
-@pytest.mark.parametrize("space", [EVERYWHERE, HOLE], ids=["everywhere", "hole"])
-def test_log_likelihood_equals_plain_sums(config, space):
+def test_log_likelihood_equals_plain_sums(config):
     rng = np.random.default_rng(0)
     demos = random_demos(3, rng)
-    spaces = [space, EVERYWHERE, HALF]  # Different numbers of free cells.
     weights = sample_uniform_weights(4, 13, rng=rng)
-    found = BoltzmannLikelihood(demos, spaces, WIDTHS, config)(weights)
-    expected = [plain_log_likelihood(w, demos, spaces, config) for w in weights]
+    found = BoltzmannLikelihood(demos, WIDTHS, config)(weights)
+    expected = [plain_log_likelihood(w, demos, config) for w in weights]
     np.testing.assert_allclose(found, expected, rtol=1e-10)
 
 
@@ -114,25 +121,22 @@ def test_log_likelihood_equals_plain_sums(config, space):
 def test_order_of_demonstrations_and_of_objects_does_not_matter(seed):
     rng = np.random.default_rng(seed)
     demos = random_demos(3, rng)
-    spaces = [EVERYWHERE, HOLE, HALF]
     weights = sample_uniform_weights(4, 13, rng=rng)
-    expected = BoltzmannLikelihood(demos, spaces, WIDTHS, CELLS)(weights)
+    expected = BoltzmannLikelihood(demos, WIDTHS, CELLS)(weights)
 
-    backwards = BoltzmannLikelihood(demos[::-1], spaces[::-1], WIDTHS, CELLS)
+    backwards = BoltzmannLikelihood(demos[::-1], WIDTHS, CELLS)
     np.testing.assert_allclose(backwards(weights), expected)
 
     order = rng.permutation(4)
     renamed = [Demonstration(demo.layout[order], demo.placement) for demo in demos]
     weights[:, :4] = weights[:, order]
-    permuted = BoltzmannLikelihood(renamed, spaces, WIDTHS, CELLS)
+    permuted = BoltzmannLikelihood(renamed, WIDTHS, CELLS)
     np.testing.assert_allclose(permuted(weights), expected)
 
 
 def test_log_likelihood_is_concave_in_the_weights():
     rng = np.random.default_rng(0)
-    likelihood = BoltzmannLikelihood(
-        random_demos(3, rng), [EVERYWHERE, HOLE, HALF], WIDTHS, CELLS
-    )
+    likelihood = BoltzmannLikelihood(random_demos(3, rng), WIDTHS, CELLS)
     left, right = sample_uniform_weights(400, 13, rng=rng).reshape(2, 200, 13)
     middle = likelihood(0.5 * (left + right))
     assert (middle >= 0.5 * (likelihood(left) + likelihood(right))).all()
@@ -145,14 +149,12 @@ def test_halving_the_cells_changes_no_posterior_mean(name):
     rng = np.random.default_rng(0)
     layouts = problem.space.sample(4, rng=rng)
     demos = [problem.demonstrate(layout) for layout in layouts]
-    spaces = problem.free_spaces(layouts)
     weights = problem.infer(demos, None, rng=rng).weights
-    log_ratio = np.zeros(len(weights))
-    for resolution, sign in ((48, -1.0), (96, 1.0)):
-        config = BoltzmannConfig(resolution=resolution)
-        likelihood = BoltzmannLikelihood(demos, spaces, problem.widths, config)
-        log_ratio += sign * likelihood(weights)
-    importance = np.exp(log_ratio - log_ratio.max())
+    coarse, fine = (
+        BoltzmannLikelihood(demos, problem.widths, config)(weights)
+        for config in (BoltzmannConfig(), BoltzmannConfig(resolution=64))
+    )
+    importance = np.exp(fine - coarse)
     change = importance @ weights / importance.sum() - weights.mean(axis=0)
     assert np.abs(change).max() < 1e-3
 
@@ -163,8 +165,6 @@ def test_truth_is_more_likely_than_other_rewards_after_many_demonstrations():
         rng = np.random.default_rng(0)
         layouts = problem.space.sample(10, rng=rng)
         demos = [problem.demonstrate(layout) for layout in layouts]
-        likelihood = BoltzmannLikelihood(
-            demos, problem.free_spaces(layouts), problem.widths, CELLS
-        )
+        likelihood = BoltzmannLikelihood(demos, problem.widths, CELLS)
         others = sample_uniform_weights(500, len(problem.widths), rng=rng)
         assert likelihood(task.true_weights[None]) > likelihood(others).max()

@@ -134,7 +134,7 @@ def test_restricted_optimum_is_free_and_never_below_a_dense_grid(name, kind, see
         layout = layouts.sample(1, rng=rng)[0]
     weights = random_rewards(40, len(task.objects) + 9, rng)
     weights[0] = task.true_weights
-    space = layouts.free_space(layout, on_table=bool(seed % 2))
+    space = layouts.free_space(layout)
     check_against_dense_grid(weights, layout, space, np.full(weights.shape[1], 0.3))
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from tablesetting.irl.posterior import Posterior
 from tablesetting.irl.sampler import McmcConfig, sample_uniform_weights
+from tablesetting.reward.layout import LayoutSpace
 from tablesetting.reward.problem import (
     DEFAULT,
     PAPER,
@@ -14,11 +15,20 @@ from tablesetting.reward.problem import (
     PlacementConfig,
     PlacementProblem,
 )
-from tablesetting.reward.rbf import all_centers, rbf_features, reward_derivatives
+from tablesetting.reward.rbf import (
+    TABLE_CENTERS,
+    all_centers,
+    rbf_features,
+    reward_derivatives,
+)
 from tablesetting.reward.tasks import FOOTPRINTS, SPOON, TASKS, VASE
 
 RECORDED = Path(__file__).parents[1] / "data" / "vase_demonstrations.json"
 QUICK = replace(DEFAULT, mcmc=McmcConfig(num_steps=200, burn_in=100, thin=20))
+
+PLATE_IN_THE_MIDDLE = np.array([[0.45, 0.5], [0.85, 0.2], [0.15, 0.85], [0.85, 0.8]])
+TICKS = np.linspace(0.0, 1.0, 201)
+GRID = np.stack(np.meshgrid(TICKS, TICKS), axis=-1).reshape(-1, 2)
 
 
 def recorded_session():
@@ -26,6 +36,14 @@ def recorded_session():
     demos = json.loads(RECORDED.read_text())["demonstrations"]
     layouts = [[demo["layout"][name] for name in VASE.objects] for demo in demos]
     return np.array(layouts), np.array([demo["placement"] for demo in demos])
+
+
+def rewards_at(placement, points, layout, weights):
+    """Return the reward of a placement and those of points, shape (G,)."""
+    both = np.concatenate([placement[None], points])
+    squared = np.square(both[:, None] - [*layout, *TABLE_CENTERS]).sum(axis=-1)
+    values = np.exp(-squared / 0.3) @ weights
+    return values[0], values[1:]
 
 
 def random_posterior(dim, num_samples=20):
@@ -126,31 +144,83 @@ def test_loss_is_the_distance_between_the_placements_of_map_and_sample():
             assert loss == pytest.approx(np.hypot(*(best - other)), abs=1e-8)
 
 
-def test_item_never_stands_on_an_object():
+def test_a_wish_may_be_under_an_object():
     problem = PlacementProblem(VASE, DEFAULT)
+    problem.space.check(PLATE_IN_THE_MIDDLE)
+    wish = problem.demonstrate(PLATE_IN_THE_MIDDLE).placement
+    on_plate = FOOTPRINTS["plate"].distance(wish - PLATE_IN_THE_MIDDLE[0])
+    assert on_plate < -0.05
+
+
+@pytest.mark.parametrize("config", PRESETS.values(), ids=PRESETS)
+@pytest.mark.parametrize("task", TASKS.values(), ids=lambda task: task.name)
+def test_no_point_of_the_square_is_better_than_the_wish(task, config):
+    """So objects may be points or things: the wish is the same."""
+    problem = PlacementProblem(task, config)
+    solid = LayoutSpace.of_task(task, are_points=False)
+    for layout in solid.sample(10, rng=np.random.default_rng(0)):
+        wish = problem.demonstrate(layout).placement
+        worth, on_grid = rewards_at(wish, GRID, layout, task.true_weights)
+        assert worth >= on_grid.max()
+
+
+def test_risk_is_of_wishes():
+    """A sample that wants the vase on the plate is not moved off it."""
+    problem = PlacementProblem(VASE, DEFAULT)
+    on_plate, in_corner = np.eye(13)[0], np.eye(13)[4]
+    samples = np.stack([on_plate, in_corner])
+    posterior = Posterior(samples, np.zeros(2), on_plate, 0.3, ess=2.0, rhat=1.0)
+    losses = problem.policy_losses([PLATE_IN_THE_MIDDLE], posterior)
+    expected = np.hypot(*(PLATE_IN_THE_MIDDLE[0] - TABLE_CENTERS[0]))
+    np.testing.assert_allclose(losses, [[0.0, expected]], atol=1e-9)
+
+
+@pytest.mark.parametrize("task", TASKS.values(), ids=lambda task: task.name)
+def test_free_placement_is_free_and_no_free_point_is_better(task):
+    problem = PlacementProblem(task, DEFAULT)
+    rewards = random_posterior(len(problem.widths)).weights[:9]
+    for layout in problem.space.sample(5, rng=np.random.default_rng(0)):
+        space = problem.space.free_space(layout)
+        free = GRID[space.contains(GRID)]
+        for weights in (task.true_weights, *rewards):
+            placement = problem.best_free_placement(weights, layout)
+            assert space.contains(placement)
+            worth, on_grid = rewards_at(placement, free, layout, weights)
+            assert worth >= on_grid.max() - 1e-9
+
+
+@pytest.mark.parametrize("task", TASKS.values(), ids=lambda task: task.name)
+def test_free_placement_is_the_wish_exactly_where_that_is_free(task):
+    problem = PlacementProblem(task, DEFAULT)
     layouts = problem.space.sample(5, rng=np.random.default_rng(0))
-    placements = problem.best_placements(random_posterior(13).weights, layouts)
-    item = FOOTPRINTS["vase"]
-    for layout, chosen in zip(layouts, placements, strict=True):
-        for name, center in zip(VASE.objects, layout, strict=True):
-            needed = FOOTPRINTS[name].grow(item, VASE.clearance)
-            assert (needed.distance(chosen - center) >= -1e-9).all()
+    rewards = random_posterior(len(problem.widths)).weights
+    wishes = problem.best_placements(rewards, layouts)
+    num_free = 0
+    for layout, row in zip(layouts, wishes, strict=True):
+        is_free = problem.space.free_space(layout).contains(row)
+        num_free += is_free.sum()
+        for weights, wish, fits in zip(rewards, row, is_free, strict=True):
+            placement = problem.best_free_placement(weights, layout)
+            is_wish = np.abs(placement - wish).max() < 1e-9
+            assert is_wish == fits
+    assert 0 < num_free < is_free.size * len(layouts)
 
 
-def test_resting_placement_leaves_the_receptacle():
+def test_free_placement_leaves_the_bowl_that_the_spoon_is_wanted_in():
     problem = PlacementProblem(SPOON, DEFAULT)
     needed = FOOTPRINTS["bowl"].grow(FOOTPRINTS["spoon"], SPOON.clearance)
     for layout in problem.space.sample(5, rng=np.random.default_rng(0)):
-        resting = problem.best_resting_placement(SPOON.true_weights, layout)
-        assert problem.space.free_space(layout, on_table=True).contains(resting)
-        assert needed.distance(resting - layout[0]) >= -1e-9
+        wish = problem.demonstrate(layout).placement
+        np.testing.assert_allclose(wish, layout[0], atol=1e-9)
+        placement = problem.best_free_placement(SPOON.true_weights, layout)
+        assert needed.distance(placement - layout[0]) >= -1e-9
 
 
-def test_resting_placement_is_the_best_one_where_that_is_on_the_table():
-    problem = PlacementProblem(VASE, DEFAULT)
-    layout = problem.space.sample(1, rng=np.random.default_rng(0))[0]
-    resting = problem.best_resting_placement(VASE.true_weights, layout)
-    np.testing.assert_array_equal(resting, problem.demonstrate(layout).placement)
+def test_points_are_in_no_wishs_way():
+    problem = PlacementProblem(VASE, PAPER)
+    placement = problem.best_free_placement(VASE.true_weights, PLATE_IN_THE_MIDDLE)
+    wish = problem.demonstrate(PLATE_IN_THE_MIDDLE).placement
+    np.testing.assert_array_equal(placement, wish)
 
 
 def test_reward_map_has_its_rows_along_y_and_its_columns_along_x():

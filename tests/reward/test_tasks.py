@@ -11,7 +11,10 @@ from tablesetting.reward.tasks import FOOTPRINTS, SPOON, TASKS, VASE
     ("change", "message"),
     [
         ({"item": "fridge"}, "task 'vase' names 'fridge', which has no footprint"),
-        ({"receptacles": ("sink",)}, "task 'vase' names 'sink'"),
+        (
+            {"objects": ("sink", "bowl", "glass", "cup")},
+            "task 'vase' names 'sink', which has no footprint",
+        ),
         ({"objects": ("plate", "bowl")}, "has 2 objects but 4 object weights"),
         ({"table_weights": (0.0,) * 8}, "has 8 table weights; give 9"),
     ],

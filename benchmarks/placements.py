@@ -1,0 +1,119 @@
+"""Speed of finding the best placement, beside the same work by the plain loops."""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+from cases import NUM_CANDIDATES, NUM_TEST_LAYOUTS, TASKS, make_rng, posterior_rewards
+from figure import Figure, Plain, Quantity, measure
+from plain_work import plain_free_placements, plain_placements
+
+from tablesetting.experiments.validation import ValidationSet
+from tablesetting.irl.arrays import Array
+from tablesetting.reward.placement import best_placements
+from tablesetting.reward.problem import DEFAULT, PAPER, PlacementProblem
+from tablesetting.reward.rbf import all_centers, rbf_features
+
+_MISS = 0.02  # Distance from the optimum that counts as a miss, in table units.
+
+
+def query() -> Iterator[Figure]:
+    """Wishes of 100 posterior rewards in 50 layouts."""
+    for task in TASKS:
+        problem, weights = PlacementProblem(task, PAPER), posterior_rewards(task)
+        layouts = problem.space.sample(NUM_CANDIDATES, rng=make_rng())
+        part = weights[::50]
+        yield measure(
+            f"query of 50 x 100 placements, {task.name}",
+            partial(best_placements, weights, layouts, problem.widths),
+            plain=Plain(
+                partial(plain_placements, part, layouts, problem.widths),
+                share=len(part) / len(weights),
+            ),
+            traces_memory=True,
+        )
+
+
+def query_misses() -> Iterator[Figure]:
+    """How often the plain ascent ends elsewhere than at the wish."""
+    for task in TASKS:
+        problem, weights = PlacementProblem(task, PAPER), posterior_rewards(task)[::10]
+        layouts = problem.space.sample(NUM_CANDIDATES, rng=make_rng())
+        best = best_placements(weights, layouts, problem.widths)
+        climbed = plain_placements(weights, layouts, problem.widths)
+        yield _misses(task.name, problem, weights, layouts, best, climbed)
+
+
+def free_placements() -> Iterator[Figure]:
+    """Where the arm puts the item for one learned reward in 200 layouts."""
+    for task in TASKS:
+        problem, weights = PlacementProblem(task, DEFAULT), posterior_rewards(task)[-1]
+        layouts = problem.space.sample(NUM_TEST_LAYOUTS, rng=make_rng())
+        fast = partial(_free_placements, problem, weights)
+        slow = partial(plain_free_placements, problem, weights)
+        part = layouts[:50]
+        yield measure(
+            f"200 free placements, {task.name}",
+            partial(fast, layouts),
+            plain=Plain(partial(slow, part), share=len(part) / len(layouts)),
+            traces_memory=True,
+        )
+        best, scanned = fast(layouts)[:, None], slow(layouts)[:, None]
+        label = f"{task.name}, free"
+        yield _misses(label, problem, weights[None], layouts, best, scanned)
+
+
+def validation() -> Iterator[Figure]:
+    """Placement errors of learned weights in 200 test layouts."""
+    for task in TASKS:
+        problem, weights = PlacementProblem(task, PAPER), posterior_rewards(task)[-1]
+        layouts = problem.space.sample(NUM_TEST_LAYOUTS, rng=make_rng())
+        tests = ValidationSet.of_problem(problem, layouts)
+        part = layouts[:50]
+        yield measure(
+            f"200 test layouts, {task.name}",
+            partial(tests.placement_errors, weights),
+            plain=Plain(
+                partial(plain_placements, weights[None], part, problem.widths),
+                share=len(part) / len(layouts),
+            ),
+            traces_memory=True,
+        )
+
+
+FIGURES: tuple[Callable[[], Iterator[Figure]], ...] = (
+    query,
+    query_misses,
+    validation,
+    free_placements,
+)
+
+
+def _free_placements(
+    problem: PlacementProblem, weights: Array, layouts: Array
+) -> Array:
+    """Place for one reward, shape (D,), in every layout; return shape (L, 2)."""
+    # Made anew for each run, as a free space keeps what it once computed.
+    spaces = [problem.space.free_space(layout) for layout in layouts]
+    return best_placements(weights[None], layouts, problem.widths, spaces)[:, 0]
+
+
+def _misses(
+    label: str,
+    problem: PlacementProblem,
+    weights: Array,
+    layouts: Array,
+    best: Array,
+    plain: Array,
+) -> Quantity:
+    """Compare placements of the plain loops with optima, both of shape (L, N, 2)."""
+    places = np.stack([best, plain])
+    features = rbf_features(places, all_centers(layouts), problem.widths)
+    best_rewards, rewards = (features * weights).sum(axis=-1)
+    assert (best_rewards - rewards).min() > -1e-9, f"{label}: a plain loop is better"
+    missed = np.linalg.norm(plain - best, axis=-1) > _MISS
+    return Quantity(
+        f"plain misses the optimum by > {_MISS}, {label}",
+        100.0 * float(missed.mean()),
+        "%",
+    )
