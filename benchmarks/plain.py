@@ -2,8 +2,8 @@
 
 Best placements by gradient ascent from random restarts, the posterior by a chain that
 evaluates every RBF anew at each step, one number at a time. The paper's item may stand
-anywhere; where it must fit, an ascent would end at the first object in its way, and a
-scan takes its place.
+anywhere; where it must fit, an ascent would end at the first object in its way, and
+scans take its place.
 """
 
 import math
@@ -20,7 +20,7 @@ from tablesetting.reward.rbf import all_centers
 _NUM_RESTARTS = 10
 _NUM_STEPS = 50
 _STEP_SIZE = 0.05
-_NUM_TICKS = 51  # Points of the scan along a side, 0.02 apart.
+_SCANS = ((0.5, 25), (0.02, 5))  # Half width, and steps each way, of each scan.
 
 Rbf = tuple[float, float, float, float]
 """Weight, center x, center y and width of one RBF."""
@@ -68,10 +68,13 @@ def best_placement(
 
 
 def best_free_placement(rbfs: Sequence[Rbf], space: FreeSpace) -> tuple[float, float]:
-    """Scan a lattice for the best point where the item fits."""
-    ticks = [index / (_NUM_TICKS - 1) for index in range(_NUM_TICKS)]
-    free = [(x, y) for x in ticks for y in ticks if _is_free(x, y, space)]
-    return max(free, key=lambda point: reward(*point, rbfs))
+    """Scan the square for the best point where the item fits, then closer around it."""
+    best = (0.5, 0.5)
+    for half_width, num_steps in _SCANS:
+        points = _lattice(best, half_width, num_steps)
+        free = [(x, y) for x, y in points if _is_free(x, y, space)]
+        best = max(free, key=lambda point: reward(point[0], point[1], rbfs))
+    return best
 
 
 def log_likelihood(
@@ -119,6 +122,17 @@ def _climb(x: float, y: float, rbfs: Sequence[Rbf]) -> tuple[float, float]:
         x = min(max(x + _STEP_SIZE * slope_x, 0.0), 1.0)
         y = min(max(y + _STEP_SIZE * slope_y, 0.0), 1.0)
     return x, y
+
+
+def _lattice(
+    center: tuple[float, float], half_width: float, num_steps: int
+) -> list[tuple[float, float]]:
+    """List the points of a lattice that are on the square."""
+    offsets = [
+        half_width * step / num_steps for step in range(-num_steps, num_steps + 1)
+    ]
+    points = [(center[0] + dx, center[1] + dy) for dx in offsets for dy in offsets]
+    return [(x, y) for x, y in points if 0.0 <= x <= 1.0 and 0.0 <= y <= 1.0]
 
 
 def _is_free(x: float, y: float, space: FreeSpace) -> bool:
