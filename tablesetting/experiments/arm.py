@@ -1,17 +1,13 @@
 """The arm at work: from a layout and a placement on the table to how it went."""
 
-from collections.abc import Generator
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TypeVar
 
 from tablesetting.irl.arrays import Array
-from tablesetting.planner.execute import execute
+from tablesetting.planner.execute import execute, run_to_end
 from tablesetting.planner.pick_place import Refusal, plan
 from tablesetting.recording import RunRecorder
 from tablesetting.scene.scene import Scene
-
-ResultT = TypeVar("ResultT")
 
 
 @dataclass(frozen=True)
@@ -65,7 +61,7 @@ def place(
         reason = f"refused, {found.reason}: {found.detail}"
         seconds = perf_counter() - started
         return Attempt(placement, None, None, None, None, reason, seconds)
-    execution = _exhaust(recorder.record(execute(scene, found)))
+    execution = run_to_end(recorder.record(execute(scene, found)))
     return Attempt(
         commanded=placement,
         settled=scene.frame.from_world(execution.settled),
@@ -75,12 +71,3 @@ def place(
         failure=execution.failure,
         seconds=perf_counter() - started,
     )
-
-
-def _exhaust(generator: Generator[object, None, ResultT]) -> ResultT:
-    """Run a generator to its end, for what it returns."""
-    while True:
-        try:
-            next(generator)
-        except StopIteration as stop:
-            return stop.value
