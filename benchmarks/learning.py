@@ -18,12 +18,12 @@ from tablesetting.reward.problem import DEFAULT, PAPER, PlacementProblem
 
 
 def inference() -> Iterator[Figure]:
-    """The posterior after 1 and 10 demonstrations, and what its samples are worth."""
+    """The posterior after 1 and 5 demonstrations, and what its samples are worth."""
     for task in TASKS:
         for preset, config in (("paper", PAPER), ("default", DEFAULT)):
             problem = PlacementProblem(task, config)
-            demos = demonstrations(problem, 10)
-            for num_demos in (1, 10):
+            demos = demonstrations(problem, 5)
+            for num_demos in (1, 5):
                 label = f"{task.name}, {preset}, {num_demos} demos"
                 yield from _time_inference(label, problem, demos[:num_demos])
 

@@ -58,9 +58,9 @@ def free_placements() -> Iterator[Figure]:
             plain=Plain(partial(slow, part), share=len(part) / len(layouts)),
             traces_memory=True,
         )
-        best, scanned = fast(layouts)[:, None], slow(layouts)[:, None]
+        best, scanned = fast(part)[:, None], slow(part)[:, None]
         label = f"{task.name}, free"
-        yield _misses(label, problem, weights[None], layouts, best, scanned)
+        yield _misses(label, problem, weights[None], part, best, scanned)
 
 
 def validation() -> Iterator[Figure]:

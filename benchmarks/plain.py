@@ -2,7 +2,7 @@
 
 Best placements by gradient ascent from random restarts, the posterior by a chain that
 evaluates every RBF anew at each step, one number at a time. The paper's item may stand
-anywhere; where it must fit, an ascent would end at the first object in its way, and
+anywhere; where it must fit, an ascent would end at the first object in its way, so that
 scans take its place.
 """
 
