@@ -18,10 +18,7 @@ GOLDEN = Path(__file__).parents[1] / "data" / "golden_sessions.json"
 def play(settings):
     """Return what every round of a session found and asked."""
     config = PRESETS[settings["preset"]]
-    chain = replace(
-        config.mcmc, num_steps=settings["num_steps"], burn_in=settings["burn_in"]
-    )
-    config = replace(config, mcmc=chain)
+    config = replace(config, mcmc=replace(config.mcmc, **settings["mcmc"]))
     problem = PlacementProblem(TASKS[settings["task"]], config)
     strategy = STRATEGIES[settings["strategy"]]
     rng = np.random.default_rng(settings["seed"])

@@ -1,4 +1,5 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -64,10 +65,8 @@ def test_lattice_includes_the_edges_and_cells_are_met_at_their_centres():
         (LATTICE, np.arange(10) / 9),
         (CELLS, (np.arange(8) + 0.5) / 8),
     ):
-        expected = {(x, y) for x in ticks for y in ticks}
-        nodes = config.nodes()
-        assert len(nodes) == len(expected)
-        assert {tuple(node) for node in nodes} == expected
+        expected = [(x, y) for y in ticks for x in ticks]
+        np.testing.assert_allclose(config.nodes(), expected)
 
 
 def test_the_mean_over_the_cells_is_the_integral_over_the_square():
@@ -144,8 +143,8 @@ def test_log_likelihood_is_concave_in_the_weights():
 
 @pytest.mark.parametrize("name", TASKS)
 def test_halving_the_cells_changes_no_posterior_mean(name):
-    task = TASKS[name]
-    problem = PlacementProblem(task, DEFAULT)
+    short = replace(DEFAULT.mcmc, num_steps=5000, burn_in=1000, thin=40)
+    problem = PlacementProblem(TASKS[name], replace(DEFAULT, mcmc=short))
     rng = np.random.default_rng(0)
     layouts = problem.space.sample(4, rng=rng)
     demos = [problem.demonstrate(layout) for layout in layouts]

@@ -246,6 +246,16 @@ def test_inference_starts_at_the_previous_map_only_when_configured(task):
     np.testing.assert_array_equal(first.weights, again.weights)
 
 
+@pytest.mark.parametrize("task", TASKS.values(), ids=lambda task: task.name)
+def test_default_chains_mix_from_the_first_demonstration_on(task):
+    problem = PlacementProblem(task, DEFAULT)
+    rng = np.random.default_rng(0)
+    demos = [problem.demonstrate(layout) for layout in problem.space.sample(1, rng=rng)]
+    posterior = problem.infer(demos, None, rng=rng)
+    assert posterior.ess > 300
+    assert posterior.rhat < 1.03
+
+
 def test_paper_learns_where_the_vase_goes():
     layouts, _ = recorded_session()
     problem = PlacementProblem(VASE, PAPER)
