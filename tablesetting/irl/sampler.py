@@ -17,11 +17,11 @@ class McmcConfig:
 
     num_chains: int = 4
     """Independent chains."""
-    num_steps: int = 14000
+    num_steps: int = 24000
     """Proposals drawn in each chain, kept or not."""
-    burn_in: int = 2000
+    burn_in: int = 6000
     """Steps dropped from the start of each chain; the proposal adapts in them alone."""
-    thin: int = 120
+    thin: int = 180
     """Keep one step in this many."""
     step_std: float = 0.05
     """Standard deviation of the Gaussian proposal, before renormalising."""
