@@ -5,6 +5,7 @@ import io
 import itertools
 import os
 import re
+import shlex
 import shutil
 import sys
 from collections.abc import Callable, Sequence
@@ -58,9 +59,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except TableSettingError as error:
         print(f"error: {error}", file=sys.stderr)
         return FAILED
-    except KeyboardInterrupt:
-        print("interrupted", file=sys.stderr)
-        return INTERRUPTED
+    except BrokenPipeError:
+        # Nobody reads on; what Python still holds back must not complain either.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
 
 
 def _parse(argv: Sequence[str] | None) -> object:
@@ -88,7 +90,8 @@ def _parse(argv: Sequence[str] | None) -> object:
 
 def _unbox(text: str) -> str:
     """Take the message out of the box that tyro draws around it."""
-    lines = [line.strip("│| ") for line in text.splitlines()[1:]]
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", text)  # It has colours on a terminal.
+    lines = [line.strip("│| ") for line in plain.splitlines()[1:]]
     body = itertools.dropwhile(_is_rule, lines)
     message = itertools.takewhile(lambda line: not _is_rule(line), body)
     return re.sub(r"^Error parsing \w+Config: ", "", " ".join(message))
@@ -106,7 +109,7 @@ def _run(config: RunConfig) -> int:
     from tablesetting.experiments.setup import RunSetup
 
     setup = RunSetup.of_config(config)
-    out = config.out or Path("runs", "run", f"{config.task}-{_stamp()}")
+    out = config.out or _new_folder(Path("runs", "run"), config.task)
     folder = RunFolder.create(out, overwrite=config.overwrite)
     num_rounds = 0
     try:
@@ -125,7 +128,7 @@ def _run(config: RunConfig) -> int:
     recording = out / RECORDING
     print(f"recording: {recording} ({recording.stat().st_size / 1e6:.1f} MB)")
     program = "tablesetting" if shutil.which("tablesetting") else sys.argv[0]
-    print(f"open it with: {program} inspect {out}")
+    print(f"open it with: {shlex.join([program, 'inspect', str(out)])}")
     return 0
 
 
@@ -144,7 +147,6 @@ def _inspect(config: InspectConfig) -> int:
         print(story)
         return 0
     view(recording, in_browser=config.web)
-    return 0
 
 
 def _doctor(config: DoctorConfig) -> int:
@@ -160,9 +162,9 @@ def _doctor(config: DoctorConfig) -> int:
     return 0 if is_well else FAILED
 
 
-def _stamp() -> str:
-    return datetime.now().strftime("%Y%m%d-%H%M%S")
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+def _new_folder(parent: Path, name: str) -> Path:
+    """Name a folder after the time; a second one in the same second gets a number."""
+    stamped = parent / f"{name}-{datetime.now():%Y%m%d-%H%M%S}"
+    numbered = (stamped.with_name(f"{stamped.name}-{n}") for n in itertools.count(2))
+    candidates = itertools.chain([stamped], numbered)
+    return next(path for path in candidates if not path.exists())

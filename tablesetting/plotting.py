@@ -12,7 +12,7 @@ from tablesetting.results import numbers
 Array = npt.NDArray[np.float64]
 
 _MEAN, _MAX, _BOUND = "#1b6ca8", "#d1495b", "#3c3c3c"
-_ROBOT, _PERSON = "#1b6ca8", "#d1495b"
+_MARKERS = (("X", "#1b6ca8"), ("P", "#d1495b"), ("D", "#f28e2b"))
 
 
 def plot_learning(rows: Sequence[Mapping[str, str]], title: str) -> Figure:
@@ -50,8 +50,7 @@ def plot_learning(rows: Sequence[Mapping[str, str]], title: str) -> Figure:
 def plot_query(
     reward_map: Array,
     outlines: Mapping[str, Array],
-    robot_placement: Sequence[float],
-    demo_placement: Sequence[float],
+    marked: Mapping[str, Array],
     title: str,
 ) -> Figure:
     """Draw the reward map of one query with both placements on it.
@@ -61,8 +60,7 @@ def plot_query(
             from y = 0 up.
         outlines: Points around each object, shape (S, 2), in table units; a single
             one for an object that is a point.
-        robot_placement: Where the robot would put the item.
-        demo_placement: Where the person puts it.
+        marked: Up to three places to mark, by what they are.
         title: Which query.
 
     Returns:
@@ -79,8 +77,8 @@ def plot_query(
         axes.annotate(
             name, outline.mean(axis=0), color="white", fontsize=9, ha="center"
         )
-    axes.plot(*robot_placement, "X", color=_ROBOT, mec="white", ms=12, label="robot")
-    axes.plot(*demo_placement, "P", color=_PERSON, mec="white", ms=12, label="person")
+    for (name, place), (marker, color) in zip(marked.items(), _MARKERS, strict=False):
+        axes.plot(*place, marker, color=color, mec="white", ms=12, label=name)
     axes.set(
         xlabel="x [table units]",
         ylabel="y, away from the robot [table units]",
@@ -89,5 +87,5 @@ def plot_query(
         ylim=(-0.12, 1.12),
         facecolor="#8a8f98",
     )
-    figure.legend(loc="outside lower center", ncols=2, frameon=False)
+    figure.legend(loc="outside lower center", ncols=3, frameon=False)
     return figure

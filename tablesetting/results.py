@@ -6,6 +6,7 @@ to a temporary name and then renamed.
 
 import contextlib
 import csv
+import fnmatch
 import json
 import os
 import shutil
@@ -21,6 +22,14 @@ CONFIG = "config.json"
 ROUNDS = "rounds.csv"
 SUMMARY = "summary.json"
 RECORDING = "recording.rrd"
+
+CONFIG_FORMAT = "tablesetting-config/1"
+_RUN_FILES = (
+    *(CONFIG, ROUNDS, SUMMARY, RECORDING),
+    *("weights.json", "demonstrations.json", "posterior.npz"),
+    *("figures", "figures/learning.png", "figures/query_*.png"),
+    *(".*-*.json", ".*-*.npz", "figures/.*-*.png"),  # Cut short by a kill.
+)
 
 _PACKAGES = ("mujoco", "dm-control", "mink", "rerun-sdk", "numpy")
 
@@ -134,7 +143,8 @@ def read_json(path: Path, expected_format: str) -> dict[str, Any]:
         InvalidFile: If it cannot be read, is not JSON, or is of another format.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        content = json.loads(text, object_pairs_hook=_without_duplicates)
     except OSError as error:
         raise InvalidFile(
             f"cannot read '{path}': {_reason(error)}; check the path"
@@ -146,6 +156,16 @@ def read_json(path: Path, expected_format: str) -> dict[str, Any]:
         raise InvalidFile(
             f"'{path}' has the format {found!r}; expected '{expected_format}'"
         )
+    return content
+
+
+def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Make an object of its members; json would keep the last of two of a name."""
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"'{twice}' occurs twice in one object")
     return content
 
 
@@ -168,9 +188,24 @@ def _clear(path: Path, *, overwrite: bool) -> None:
         raise OutputError(
             f"'{path}' exists already; choose another --out or pass --overwrite"
         )
-    if not (path / CONFIG).is_file():
+    foreign = _first_foreign(path)
+    if foreign is not None:
         raise OutputError(
-            f"'{path}' is not a run folder, so it is not overwritten; "
-            "choose another --out"
+            f"'{path}' is not overwritten, because {foreign}; choose another --out"
         )
     shutil.rmtree(path)
+
+
+def _first_foreign(path: Path) -> str | None:
+    """Say why a folder is more than a run, or none; None for a mere run."""
+    if path.is_symlink():
+        return "it is a link"
+    try:
+        read_json(path / CONFIG, CONFIG_FORMAT)
+    except InvalidFile:
+        return "it holds no run"
+    for found in path.rglob("*"):
+        name = found.relative_to(path).as_posix()
+        if not any(fnmatch.fnmatchcase(name, known) for known in _RUN_FILES):
+            return f"it holds '{name}', which is not of a run"
+    return None

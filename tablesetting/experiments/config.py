@@ -100,6 +100,8 @@ class InspectConfig:
         chosen = [self.text, self.web, self.screenshot is not None]
         if sum(chosen) > 1:
             raise ValueError("choose one of --text, --web and --screenshot")
+        if self.at is not None and not 0.0 <= self.at < math.inf:
+            raise ValueError(f"--at must be 0 or more; got {self.at}")
 
 
 @dataclass(frozen=True)

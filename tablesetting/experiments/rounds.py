@@ -24,7 +24,8 @@ class RunRound:
         learning: Posterior, candidates and query.
         errors: Placement error in every test layout, shape (L,), in table units.
         placement: Where the robot wants the item in the queried layout, shape (2,).
-        answer: What the person shows there.
+        truth: Where the person wants it there, shape (2,).
+        free_truth: Where the person would put it, as it has to fit, shape (2,).
         stopped: Why this round is the last, "epsilon" or "budget"; None if its query
             is asked.
         attempt: What the arm made of it; None if it did not act.
@@ -33,7 +34,8 @@ class RunRound:
     learning: Round[Array, Demonstration]
     errors: Array
     placement: Array
-    answer: Demonstration
+    truth: Array
+    free_truth: Array
     stopped: str | None
     attempt: Attempt | None = None
 
@@ -44,8 +46,22 @@ class RunRound:
 
     @property
     def learning_error(self) -> float:
-        """Distance between robot and person in the queried layout, in table units."""
-        return float(np.linalg.norm(self.placement - self.answer.placement))
+        """Distance between what robot and person want there, in table units."""
+        return float(np.linalg.norm(self.placement - self.truth))
+
+    @property
+    def detour(self) -> float | None:
+        """Distance of the commanded place, which fits, from the one wanted."""
+        if self.attempt is None:
+            return None
+        return float(np.linalg.norm(self.attempt.commanded - self.placement))
+
+    @property
+    def outcome_error(self) -> float | None:
+        """Distance from where the item rests to where the person would put it."""
+        if self.attempt is None or self.attempt.settled is None:
+            return None
+        return float(np.linalg.norm(self.attempt.settled - self.free_truth))
 
     def describe(self) -> str:
         """Say in one line how far the run is."""
@@ -58,7 +74,8 @@ class RunRound:
             return line
         if self.attempt.failure is not None:
             return f"{line}   {self.attempt.failure}"
-        return f"{line}   placed within {self.attempt.error_mm:.2f} mm"
+        placed = f"placed within {self.attempt.error_mm:.2f} mm"
+        return f"{line}   {placed}, {self.detour:.3f} from the wish"
 
 
 def round_row(latest: RunRound) -> dict[str, object]:
@@ -74,6 +91,8 @@ def round_row(latest: RunRound) -> dict[str, object]:
         "acceptance_rate": learning.posterior.acceptance_rate,
         "learning_error": latest.learning_error,
         **_attempt_cells(latest.attempt),
+        "detour": latest.detour,
+        "outcome_error": latest.outcome_error,
         "inference_seconds": learning.inference_seconds,
         "query_seconds": learning.query_seconds,
         "simulation_seconds": latest.attempt.seconds if latest.attempt else None,
@@ -93,7 +112,7 @@ def round_view(latest: RunRound, problem: PlacementProblem, strategy: str) -> Ro
         candidate_var=learning.var,
         asked=learning.query_index,
         robot_placement=latest.placement,
-        demo_placement=None if latest.stopped else latest.answer.placement,
+        demo_placement=None if latest.stopped else latest.truth,
         var_bound=learning.var_bound,
         mean_placement_error=float(latest.errors.mean()),
         max_placement_error=float(latest.errors.max()),
@@ -153,4 +172,5 @@ def _attempt_cells(attempt: Attempt | None) -> Mapping[str, object]:
 
 
 def _round(value: object) -> object:
-    return round(float(value), _DIGITS) if isinstance(value, float) else value
+    # Adding 0.0 makes -0.0 plain zero.
+    return round(float(value), _DIGITS) + 0.0 if isinstance(value, float) else value

@@ -2,7 +2,8 @@
 
 from collections.abc import Generator, Iterator
 from dataclasses import replace
-from itertools import islice
+
+import numpy as np
 
 from tablesetting.experiments.arm import Attempt, place
 from tablesetting.experiments.config import RunConfig
@@ -69,7 +70,7 @@ def _learn(
         problem.config.risk,
         rng=setup.rng,
     )
-    for num_asked, learning in enumerate(islice(rounds, config.num_queries + 1)):
+    for num_asked, learning in enumerate(rounds):
         latest = _evaluate(learning, setup, is_last=num_asked == config.num_queries)
         recorder.log_round(round_view(latest, problem, config.strategy))
         if latest.stopped is None and num_asked < setup.num_executions:
@@ -86,13 +87,17 @@ def _evaluate(
     learning: Round[Array, Demonstration], setup: RunSetup, *, is_last: bool
 ) -> RunRound:
     problem, best_guess = setup.problem, learning.posterior.map_weights
-    placement = problem.best_placements(best_guess[None], learning.query[None])[0, 0]
+    true_weights = problem.task.true_weights
+    wishes = problem.best_placements(
+        np.stack([best_guess, true_weights]), learning.query[None]
+    )[0]
     is_certain = learning.var_bound < setup.epsilon
     return RunRound(
         learning=learning,
         errors=setup.validation.placement_errors(best_guess),
-        placement=placement,
-        answer=problem.demonstrate(learning.query),
+        placement=wishes[0],
+        truth=wishes[1],
+        free_truth=problem.best_free_placement(true_weights, learning.query),
         stopped="epsilon" if is_certain else "budget" if is_last else None,
     )
 

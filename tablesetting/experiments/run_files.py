@@ -12,9 +12,11 @@ from tablesetting.experiments.arm import Attempt
 from tablesetting.experiments.config import RunConfig
 from tablesetting.experiments.rounds import RunRound, round_row
 from tablesetting.experiments.setup import RunSetup
+from tablesetting.irl.arrays import Array
 from tablesetting.plotting import plot_learning, plot_query
 from tablesetting.results import (
     CONFIG,
+    CONFIG_FORMAT,
     ROUNDS,
     SUMMARY,
     RunFolder,
@@ -53,7 +55,7 @@ class RunFiles:
             "num_executions": setup.num_executions,
         }
         content = {
-            "format": "tablesetting-config/1",
+            "format": CONFIG_FORMAT,
             "command": "run",
             "options": options,
             "resolved": resolved,
@@ -123,12 +125,20 @@ class RunFiles:
         figure = plot_query(
             problem.reward_map(weights, query, _MAP_SIZE),
             problem.space.outlines(query),
-            latest.placement.tolist(),
-            latest.answer.placement.tolist(),
+            self._marked(latest),
             f"{self._title}: after {demos}",
         )
         name = f"figures/query_{latest.num_demos:02d}.png"
         self._folder.write(name, figure.savefig)
+
+    def _marked(self, latest: RunRound) -> dict[str, Array]:
+        """Name the places that a query is about."""
+        marked = {"robot's wish": latest.placement}
+        if latest.stopped is None:
+            marked["person's wish"] = latest.truth
+        if latest.attempt is not None:
+            marked["commanded, as it fits"] = latest.attempt.commanded
+        return marked
 
 
 def summarize_attempts(attempts: list[Attempt]) -> dict[str, float | int | None]:

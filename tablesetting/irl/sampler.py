@@ -154,8 +154,11 @@ class _ProposalScale:
 
     def __init__(self, config: McmcConfig, num_chains: int, dim: int):
         self._target = config.target_acceptance
+        # The size needs the last quarter to settle on the final shape.
+        self._last_reshape = 3 * config.burn_in // 4
         self._factor: Array = np.eye(dim)
         self._log_step = np.full(num_chains, np.log(config.step_std))
+        self._reshaped_at = -1
 
     def apply(self, noise: Array) -> Array:
         """Turn standard normal noise, shape (C, D), into steps."""
@@ -165,11 +168,13 @@ class _ProposalScale:
         """Learn from one step; `states` holds all up to it, shape (S, C, D)."""
         if self._target is None:
             return
-        gain = (step % self._INTERVAL + 1) ** -0.6
+        gain = (step - self._reshaped_at) ** -0.6
         probability = np.exp(np.minimum(log_ratio, 0.0))
         self._log_step += gain * (probability - self._target)
-        if step % self._INTERVAL == self._INTERVAL - 1:
+        is_due = step % self._INTERVAL == self._INTERVAL - 1
+        if is_due and step < self._last_reshape:
             self._reshape(states[(step + 1) // 2 : step + 1])
+            self._reshaped_at = step
 
     def _reshape(self, recent: Array) -> None:
         """Take the covariance of the recent states, shape (S, C, D), as shape."""

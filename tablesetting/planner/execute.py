@@ -17,6 +17,8 @@ MAX_ERROR_MM: Final = 10.0
 """Largest error of a placement that counts as a success."""
 MAX_TILT_DEG: Final = 5.0
 """Largest tilt of a placed item that counts as a success."""
+MAX_YAW_ERROR_DEG: Final = 5.0
+"""Largest turn of a placed item that counts as a success."""
 MAX_SHIFT_MM: Final = 2.0
 """Furthest that a bystander may move."""
 
@@ -173,7 +175,7 @@ class _Driver:
         scene, plan = self._scene, self._plan
         # Against the commanded pose of the tool, so that its own error cancels too.
         position, yaw = scene.position(scene.item), scene.yaw(scene.item)
-        return replan_placing(plan, Hold.measure(plan.hover, position, yaw))
+        return replan_placing(scene, plan, Hold.measure(plan.hover, position, yaw))
 
 
 def _score(
@@ -203,6 +205,8 @@ def _judge(execution: Execution, item: str, shifts: dict[str, float]) -> Executi
         faults.append(f"the {item} stands {execution.error_mm:.1f} mm off")
     if execution.tilt_deg >= MAX_TILT_DEG:
         faults.append(f"the {item} is tilted by {execution.tilt_deg:.1f} degrees")
+    if execution.yaw_error_deg >= MAX_YAW_ERROR_DEG:
+        faults.append(f"the {item} is turned by {execution.yaw_error_deg:.1f} degrees")
     faults += [
         f"the {name} was moved by {shift:.1f} mm"
         for name, shift in shifts.items()

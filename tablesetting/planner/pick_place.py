@@ -27,7 +27,7 @@ _CLOSING_TIME: Final = 0.35  # [s]
 _HOLDING_TIME: Final = 0.06  # [s]
 _RELEASING_TIME: Final = 0.25  # [s]
 _SETTLING_TIME: Final = 0.4  # [s]
-_CHECK_EVERY: Final = 4  # Commands between two collision checks.
+_CHECK_EVERY: Final = 2  # Commands from one collision check to the next.
 _HOLDING_PHASES: Final = frozenset({"lift", "transfer", "hold", "lower"})
 
 
@@ -100,10 +100,11 @@ def plan(scene: Scene, target: Sequence[float] | Array) -> Plan | Refusal:
     return _first_plan(outcomes)
 
 
-def replan_placing(plan: Plan, hold: Hold) -> tuple[Step, ...] | Refusal:
+def replan_placing(scene: Scene, plan: Plan, hold: Hold) -> tuple[Step, ...] | Refusal:
     """Plan the placing anew for an item that sits otherwise in the jaw.
 
     Args:
+        scene: As it stands now.
         plan: Carried out up to the end of its picking.
         hold: Where the item really is.
 
@@ -115,7 +116,9 @@ def replan_placing(plan: Plan, hold: Hold) -> tuple[Step, ...] | Refusal:
         _place(path, plan.grasp, plan.target, hold)
     except Unreachable as error:
         return Refusal(Reason.UNREACHABLE, str(error))
-    return tuple(path.steps)
+    steps = tuple(path.steps)
+    contact = _first_contact(scene, steps, plan.grasp, plan.target, hold)
+    return steps if contact is None else Refusal(Reason.BLOCKED, contact)
 
 
 def _first_plan(outcomes: Iterator[Plan | Refusal]) -> Plan | Refusal:
@@ -131,7 +134,7 @@ def _plan_with(scene: Scene, grasp: Grasp, target: Array) -> Plan | Refusal:
         found = _plan_path(scene, grasp, target)
     except Unreachable as error:
         return Refusal(Reason.UNREACHABLE, str(error))
-    contact = _first_contact(scene, found)
+    contact = _first_contact(scene, found.steps, grasp, target, grasp.hold)
     return found if contact is None else Refusal(Reason.BLOCKED, contact)
 
 
@@ -178,16 +181,18 @@ def _transfer_heights(scene: Scene, grasp: Grasp) -> tuple[float, float]:
     return tallest + _CLEARANCE + TIP_REACH, bystanders + _CLEARANCE + grasp.height
 
 
-def _first_contact(scene: Scene, found: Plan) -> str | None:
-    """Name what the plan would touch that it should not."""
+def _first_contact(
+    scene: Scene, steps: Sequence[Step], grasp: Grasp, target: Array, hold: Hold
+) -> str | None:
+    """Name what the steps would touch that they should not."""
     checker = CollisionChecker(scene)
-    for step in found.steps:
+    for step in steps:
         if step.phase == "release":
-            checker.rest_item(np.array([*found.target, 0.0]))
+            checker.rest_item(np.array([*target, 0.0]))
         contact = checker.first_contact(
             step.positions[::-_CHECK_EVERY][::-1],
-            max(step.opening, found.grasp.half_width),  # Where the item stops them.
-            found.grasp.hold if step.phase in _HOLDING_PHASES else None,
+            max(step.opening, grasp.half_width),  # Where the item stops them.
+            hold if step.phase in _HOLDING_PHASES else None,
         )
         if contact is not None:
             return f"{step.phase}: {contact}"

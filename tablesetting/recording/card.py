@@ -8,6 +8,9 @@ import rerun as rr
 from tablesetting.recording.entities import RUN_CARD
 from tablesetting.recording.views import RunCard
 
+FIGURES_TITLE = "## Final figures"
+"""Heads what only a finished run has."""
+
 _LEGEND = (
     "On the table lies the reward of the MAP hypothesis, yellow where it is high. "
     "Magenta marks the demonstration, white the best placement under that reward, "
@@ -47,7 +50,7 @@ def card_markdown(card: RunCard, summary: Mapping[str, object]) -> str:
     }
     sections = [f"# Task {card.task}", _table("setting", settings), _LEGEND]
     if summary:
-        sections += ["## Final figures", _table("figure", summary)]
+        sections += [FIGURES_TITLE, _table("figure", summary)]
     sections += ["## Versions", _table("package", card.versions)]
     return "\n\n".join(sections)
 

@@ -66,7 +66,7 @@ class RunRecorder:
         self._stream.set_log_time_enabled(False)
         try:
             self._stream.save(path, default_blueprint=run_blueprint())
-        except RuntimeError as error:
+        except (RuntimeError, UnicodeError) as error:
             raise OutputError(f"cannot write the recording: {error}") from error
         log_card(self._stream, card)
         rounds.log_styles(self._stream)

@@ -12,6 +12,7 @@ from typing import IO
 
 from rerun.experimental import ViewerClient
 
+from tablesetting.errors import InvalidFile, OutputError
 from tablesetting.recording.entities import SIM_TIME
 from tablesetting.recording.reading import Recording
 from tablesetting.recording.viewer import LOCAL_ONLY, VIEWER, NoViewer
@@ -36,13 +37,20 @@ def screenshot(
         size: Width and height, in pixels.
 
     Raises:
-        InvalidFile: If the recording is missing or cannot be read.
+        InvalidFile: If the recording is missing, cannot be read, or is over by then.
+        OutputError: If the picture cannot be written.
         NoViewer: If there is no graphics driver, or the viewer does not answer.
     """
     Recording(recording)  # The viewer would show a damaged file as an empty window.
+    if not output.parent.is_dir():
+        raise OutputError(f"cannot write '{output}': there is no such folder")
     with _headless_viewer(size) as viewer:
         _show(viewer, recording, sim_time)
-        output.write_bytes(_settled_picture(viewer))
+        picture = _settled_picture(viewer)
+    try:
+        output.write_bytes(picture)
+    except OSError as error:
+        raise OutputError(f"cannot write '{output}': {error.strerror}") from error
 
 
 @contextmanager
@@ -90,7 +98,10 @@ def _show(viewer: ViewerClient, recording: Path, sim_time: float | None) -> None
     while (state := viewer.get_state()).loading or not state.recordings:
         time.sleep(_POLL)
     ends = {line.name: line.end for line in state.recordings[0].timelines}
-    moment = 1e-9 * (ends.get(SIM_TIME) or 0) if sim_time is None else sim_time
+    end = 1e-9 * (ends.get(SIM_TIME) or 0)
+    moment = end if sim_time is None else sim_time
+    if moment > end:
+        raise InvalidFile(f"'{recording}' ends at {end:.2f} s, before {moment:.2f} s")
     viewer.set_time(SIM_TIME, duration=moment, play_state="paused")
 
 

@@ -5,11 +5,12 @@ from pathlib import Path
 
 from tablesetting.errors import InvalidFile
 from tablesetting.recording import entities
+from tablesetting.recording.card import FIGURES_TITLE
 from tablesetting.recording.reading import Recording, Row
 
 _TEXT = "TextDocument:text"
 _STATE = "StateChange:state"
-_INTERRUPTED = "The run was interrupted: its recording is not complete."
+_INTERRUPTED = "The run was interrupted: it ends here."
 
 
 def tell(recording: Path) -> str:
@@ -35,7 +36,7 @@ def tell(recording: Path) -> str:
         sections.append(text)
         if num_demos in phases:
             sections.append(f"Phases: {', '.join(phases[num_demos])}")
-    if not source.is_complete:
+    if not source.is_complete or FIGURES_TITLE not in cards[-1].value:
         sections.append(_INTERRUPTED)
     return "\n\n".join(sections)
 

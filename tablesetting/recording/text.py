@@ -6,6 +6,8 @@ from tablesetting.irl.arrays import Array
 from tablesetting.recording.views import ExecutionView, RoundView
 from tablesetting.scene.table import TableFrame
 
+_NEGLIGIBLE_MM = 0.5
+
 
 def round_markdown(
     view: RoundView, frame: TableFrame, execution: ExecutionView | None = None
@@ -24,6 +26,12 @@ def round_markdown(
         )
     if execution is not None:
         lines.append(f"- {_execution_sentence(execution, frame)}")
+        detour = distance_mm(frame, view.robot_placement, execution.commanded)
+        if detour >= _NEGLIGIBLE_MM:
+            lines.append(
+                f"- The item does not fit at the MAP placement: commanded {detour:.0f} mm "
+                "beside it"
+            )
     title = f"# After {view.num_demos} demonstration{'s'[: view.num_demos != 1]}"
     return "\n\n".join([title, view.reason, "\n".join(lines)])
 

@@ -1,9 +1,9 @@
 """Rerun's own viewer, in a window or in a browser; it listens on this machine alone."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
+from typing import NoReturn
 
 import rerun_cli
 
@@ -19,15 +19,15 @@ class NoViewer(TableSettingError):
     """Rerun's viewer does not start."""
 
 
-def view(recording: Path, *, in_browser: bool) -> None:
-    """Show a recording until the viewer is closed.
+def view(recording: Path, *, in_browser: bool) -> NoReturn:
+    """Become the viewer of a recording; nothing of this process remains.
 
     Args:
         recording: File to show.
         in_browser: Whether to serve a page rather than open a window.
 
     Raises:
-        NoViewer: If there is no display for a window, or the viewer fails.
+        NoViewer: If there is no display for a window.
     """
     has_display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if sys.platform == "linux" and not in_browser and not has_display:
@@ -36,6 +36,4 @@ def view(recording: Path, *, in_browser: bool) -> None:
         )
     page = ("--web-viewer",) if in_browser else ()
     command = [str(VIEWER), *LOCAL_ONLY, *page, str(recording)]
-    code = subprocess.run(command, check=False).returncode
-    if code:
-        raise NoViewer(f"the Rerun viewer failed with exit code {code}; see above")
+    os.execv(VIEWER, command)

@@ -13,7 +13,7 @@ from tablesetting.reward.tasks import FOOTPRINTS, PlacementTask
 
 _MIN_GAP = 0.03  # Between footprints of objects, in table units: 15 mm.
 _BATCH = 256  # Layouts drawn at once.
-_MAX_BATCHES = 400
+_MAX_MISSES = 400  # Batches in a row without a possible layout.
 _ROOM_TICKS = (np.arange(32) + 0.5) / 32
 _ROOM_GRID = np.stack(np.meshgrid(_ROOM_TICKS, _ROOM_TICKS), axis=-1)
 
@@ -146,16 +146,19 @@ class LayoutSpace:
     def _collect(self, num_layouts: int, propose: Callable[[], Array]) -> Array:
         """Draw batches until enough layouts are possible."""
         kept: list[Array] = []
-        for _ in range(_MAX_BATCHES):
-            if len(kept) >= num_layouts:
-                return np.stack(kept[:num_layouts])
+        num_misses = 0
+        while len(kept) < num_layouts:
             layouts = propose()
             apart = layouts[self.are_apart(layouts)]
-            kept.extend(layout for layout in apart if self.has_room(layout))
-        raise InvalidLayout(
-            f"{', '.join(self.objects)} hardly fit on the table together; "
-            "take fewer or smaller objects"
-        )
+            found = [layout for layout in apart if self.has_room(layout)]
+            kept += found
+            num_misses = 0 if found else num_misses + 1
+            if num_misses == _MAX_MISSES:
+                raise InvalidLayout(
+                    f"{', '.join(self.objects)} hardly fit on the table together; "
+                    "take fewer or smaller objects"
+                )
+        return np.stack(kept[:num_layouts])
 
 
 def _show(center: Array) -> str:

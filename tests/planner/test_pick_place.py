@@ -84,7 +84,7 @@ def test_planning_is_repeatable(spoon_scene):
 
 def test_replanning_for_the_nominal_hold_changes_nothing(vase_scene):
     found = plan(vase_scene, FREE)
-    again = replan_placing(found, found.grasp.hold)
+    again = replan_placing(vase_scene, found, found.grasp.hold)
     for one, other in zip(found.placing, again, strict=True):
         np.testing.assert_allclose(one.positions, other.positions, atol=1e-9)
 
@@ -92,7 +92,7 @@ def test_replanning_for_the_nominal_hold_changes_nothing(vase_scene):
 def test_replanning_an_absurd_hold_is_refused(vase_scene):
     found = plan(vase_scene, FREE)
     far_away = Hold(np.array([0.0, 0.0, 1.0]), 0.0)
-    refusal = replan_placing(found, far_away)
+    refusal = replan_placing(vase_scene, found, far_away)
     assert isinstance(refusal, Refusal)
     assert refusal.reason == "unreachable"
 

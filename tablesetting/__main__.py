@@ -1,0 +1,18 @@
+"""The command line; Ctrl-C is no error from the first import on."""
+
+import sys
+
+
+def main() -> int:
+    """Run one command and return its exit code."""
+    try:
+        from tablesetting import cli
+
+        return cli.main()
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())
