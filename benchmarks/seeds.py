@@ -16,13 +16,12 @@ from tablesetting.results import ROUNDS, numbers, read_rows
 
 
 def main() -> int:
-    """Run all seeds that have not been run yet; print the summary."""
+    """Run all seeds anew; print the summary."""
     options, run_options = _parse_options()
     rows, last_rows = [], []
     for seed in range(options.seeds):
         folder = options.out / f"{options.task}-{seed}"
-        if not (folder / "summary.json").exists():
-            _run(options.task, seed, folder, run_options)
+        _run(options.task, seed, folder, run_options)
         found = read_rows(folder / ROUNDS)
         rows += found
         last_rows.append(found[-1])
@@ -60,7 +59,10 @@ def _print_executions(rows: list[dict[str, str]]) -> None:
     good = [row for row in made if row["success"] == "True"]
     print(f"{len(rows)} placements commanded, {len(rows) - len(made)} refused")
     print(f"  {'succeeded':<24}{len(good)} of {len(made)}")
-    for column in ("execution_error_mm", "tilt_deg", "bystander_shift_mm"):
+    for column in (
+        *("execution_error_mm", "tilt_deg", "bystander_shift_mm"),
+        *("detour", "outcome_error"),
+    ):
         if made:
             quantiles = np.quantile(numbers(made, column), (0.5, 0.95, 1.0))
             median, high, largest = (f"{value:.3f}" for value in quantiles)

@@ -1,4 +1,5 @@
 import json
+import os
 import subprocess
 import sys
 
@@ -42,6 +43,8 @@ def complaint(capsys, *argv):
         (["run", "vase", "--colour", "red"], ["--colour"]),
         (["inspect", "nothing-here"], ["nothing-here"]),
         (["inspect", ".", "--text", "--web"], ["--text", "--web"]),
+        (["inspect", ".", "--screenshot", "a.png", "--at", "nan"], ["--at", "nan"]),
+        (["inspect", ".", "--screenshot", "a.png", "--at", "-5"], ["--at", "-5"]),
     ],
 )
 def test_bad_input_is_refused_in_one_line(argv, parts, capsys):
@@ -81,13 +84,39 @@ def test_a_folder_that_cannot_be_written_is_refused(capsys):
 def test_what_is_not_a_run_is_never_overwritten(tmp_path, capsys):
     (tmp_path / "thesis.tex").write_text("years of work")
     argv = ("run", "vase", "--out", str(tmp_path), "--overwrite")
-    assert "not a run folder" in complaint(capsys, *argv)
+    assert "it holds no run" in complaint(capsys, *argv)
     assert (tmp_path / "thesis.tex").read_text() == "years of work"
 
 
 def test_a_text_file_is_no_recording(tmp_path, capsys):
     (tmp_path / "recording.rrd").write_text("not a recording")
     assert "recording.rrd" in complaint(capsys, "inspect", str(tmp_path), "--text")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
+@pytest.mark.parametrize("argv", [["run", "cup"], ["run", "vase", "--seed", "-1"]])
+def test_a_mistake_is_told_in_one_plain_line_on_a_terminal(argv):
+    import pty
+
+    leader, follower = pty.openpty()
+    command = [sys.executable, "-m", "tablesetting", *argv]
+    streams = {"stdout": follower, "stderr": subprocess.PIPE}
+    done = subprocess.run(command, text=True, check=False, **streams)
+    os.close(follower)
+    os.close(leader)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "\x1b" not in done.stderr
+    assert argv[-1] in done.stderr
+
+
+def test_a_reader_who_leaves_causes_no_traceback():
+    command = f"{sys.executable} -m tablesetting doctor --out /tmp | head -1"
+    done = subprocess.run(
+        command, shell=True, text=True, capture_output=True, check=False
+    )
+    assert done.stdout.startswith("ok    python")
+    assert done.stderr == ""
 
 
 def test_asking_for_help_loads_nothing_heavy():

@@ -35,21 +35,27 @@ def test_learning_is_drawn_over_the_number_of_demonstrations():
     assert axes.get_ylim()[0] == 0.0
 
 
-def test_query_is_drawn_with_y_up_and_both_placements():
+MARKED = {
+    "robot's wish": np.array([0.4, 0.5]),
+    "person's wish": np.array([0.6, 0.7]),
+}
+
+
+def test_query_is_drawn_with_y_up_and_what_is_marked():
     reward_map = np.arange(16.0).reshape(4, 4)
     outlines = {
         "plate": np.array([[0.1, 0.1], [0.3, 0.1], [0.2, 0.3]]),
         "cup": np.array([[0.7, 0.8]]),
     }
-    figure = plot_query(reward_map, outlines, (0.4, 0.5), (0.6, 0.7), "query 1")
+    figure = plot_query(reward_map, outlines, MARKED, "query 1")
     axes = figure.axes[0]
     (image,) = axes.get_images()
     assert image.origin == "lower"
     assert tuple(image.get_extent()) == (0, 1, 0, 1)
     np.testing.assert_array_equal(image.get_array(), reward_map)
     lines = drawn_lines(axes)
-    assert lines["robot"].get_xydata().tolist() == [[0.4, 0.5]]
-    assert lines["person"].get_xydata().tolist() == [[0.6, 0.7]]
+    for name, place in MARKED.items():
+        assert lines[name].get_xydata().tolist() == [place.tolist()]
     written = {text.get_text(): text.xy for text in axes.texts}
     assert written["cup"] == pytest.approx((0.7, 0.8))
     assert written["plate"] == pytest.approx((0.2, 0.5 / 3))
@@ -60,7 +66,7 @@ def test_figures_can_be_saved_without_a_display(tmp_path, suffix):
     reward_map = np.zeros((4, 4))
     for figure in (
         plot_learning(ROWS, "vase"),
-        plot_query(reward_map, {}, (0.4, 0.5), (0.6, 0.7), "query 1"),
+        plot_query(reward_map, {}, MARKED, "query 1"),
     ):
         figure.savefig(tmp_path / f"figure{suffix}")
         assert (tmp_path / f"figure{suffix}").stat().st_size > 1000

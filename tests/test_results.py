@@ -12,6 +12,7 @@ from tablesetting import __version__
 from tablesetting.errors import InvalidFile, OutputError
 from tablesetting.results import (
     CONFIG,
+    CONFIG_FORMAT,
     ROUNDS,
     SUMMARY,
     RunFolder,
@@ -56,9 +57,41 @@ def test_an_earlier_run_is_kept_unless_told(folder):
 
 
 def test_an_earlier_run_is_replaced_when_told(folder):
-    folder.write_json(CONFIG, {"seed": 1})
-    folder.write_json("figures/a.json", {})
+    folder.write_json(CONFIG, {"format": CONFIG_FORMAT})
+    folder.write_json(SUMMARY, {})
+    folder.write("figures/query_01.png", lambda path: path.write_text(""))
     assert names(RunFolder.create(folder.path, overwrite=True)) == []
+
+
+@pytest.mark.parametrize("foreign", ["notes.txt", "figures/mine.png", "src/main.py"])
+def test_a_run_with_something_else_in_its_folder_is_not_overwritten(folder, foreign):
+    folder.write_json(CONFIG, {"format": CONFIG_FORMAT})
+    (folder.path / foreign).parent.mkdir(exist_ok=True)
+    (folder.path / foreign).write_text("mine")
+    with pytest.raises(OutputError, match="which is not of a run"):
+        RunFolder.create(folder.path, overwrite=True)
+    assert (folder.path / foreign).read_text() == "mine"
+
+
+def test_the_settings_of_another_program_make_no_run(folder):
+    folder.write_json(CONFIG, {"model_type": "bert"})
+    with pytest.raises(OutputError, match="it holds no run"):
+        RunFolder.create(folder.path, overwrite=True)
+
+
+def test_a_link_to_a_run_is_not_overwritten(folder, tmp_path):
+    folder.write_json(CONFIG, {"format": CONFIG_FORMAT})
+    (tmp_path / "link").symlink_to(folder.path)
+    with pytest.raises(OutputError, match="it is a link"):
+        RunFolder.create(tmp_path / "link", overwrite=True)
+    assert names(folder) == [CONFIG]
+
+
+def test_a_name_that_occurs_twice_is_refused(tmp_path):
+    file = tmp_path / "twice.json"
+    file.write_text('{"format": "f", "plate": 1, "plate": 2}')
+    with pytest.raises(InvalidFile, match="'plate' occurs twice"):
+        read_json(file, "f")
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
@@ -66,7 +99,7 @@ def test_what_is_not_a_run_is_never_overwritten(tmp_path, overwrite):
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "chapter.tex").write_text("years of work")
     (tmp_path / "file").write_text("more of it")
-    message = "is not a run folder, so it is not" if overwrite else "exists already"
+    message = "because it holds no run" if overwrite else "exists already"
     for name in ("thesis", "file"):
         with pytest.raises(OutputError, match=message):
             RunFolder.create(tmp_path / name, overwrite=overwrite)

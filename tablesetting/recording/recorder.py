@@ -47,7 +47,7 @@ class RunRecorder:
             model: Compiled model whose bodies the snapshots pose.
             card: What is being run.
             recording_id: Tells recordings in one viewer apart; the same run under the
-                same id writes the same content.
+                same id writes the same content, but for the seconds on its card.
             frame: Maps table units to the world; the default table if None.
 
         Raises:

@@ -114,6 +114,12 @@ def test_the_vase_is_commanded_to_where_the_robot_wants_it_and_it_fits(vase_run)
         wanted = problem.best_placements(best_guess[None], layout[None])[0, 0]
         error = np.linalg.norm(wanted - problem.demonstrate(layout).placement)
         assert float(row["learning_error"]) == pytest.approx(error, abs=1e-6)
+        detour = np.linalg.norm(wanted - commanded)
+        assert float(row["detour"]) == pytest.approx(detour, abs=1e-6)
+        person = problem.best_free_placement(VASE.true_weights, layout)
+        settled = np.array([float(row["settled_x"]), float(row["settled_y"])])
+        outcome_error = np.linalg.norm(settled - person)
+        assert float(row["outcome_error"]) == pytest.approx(outcome_error, abs=1e-6)
 
 
 def test_the_summary_agrees_with_the_rows(vase_run):

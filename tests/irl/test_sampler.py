@@ -75,6 +75,21 @@ def test_chain_of_the_paper_shuns_sparse_weights():
     assert np.mean(largest(sample_flat(PAPER_CHAIN)) > 0.4) < 0.003 < SPARSE / 5
 
 
+@pytest.mark.parametrize("target_acceptance", [0.15, 0.4])
+def test_proposals_adapt_to_the_acceptance_that_is_asked_for(target_acceptance):
+    config = McmcConfig(
+        num_steps=6000, burn_in=3000, target_acceptance=target_acceptance
+    )
+    rng = np.random.default_rng(0)
+
+    def log_likelihood(weights):
+        return -100.0 * np.square(weights - [0.4, -0.3, 0.2, 0.1]).sum(axis=1)
+
+    start = sample_uniform_weights(config.num_chains, 4, rng=rng)
+    chains = run_chains(log_likelihood, start, config, rng=rng)
+    assert chains.acceptance_rate == pytest.approx(target_acceptance, abs=0.04)
+
+
 @pytest.mark.parametrize("target_acceptance", [0.234, None])
 def test_chain_in_two_dimensions_follows_the_target_density(target_acceptance):
     # The L1 circle is a square on its tip: four straight sides of equal measure.
