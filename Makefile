@@ -46,7 +46,7 @@ bench: $(INSTALLED)  ## Measure speed and memory.
 
 picture: $(INSTALLED)  ## Draw the picture of the README anew (needs a Vulkan driver).
 	$(BIN)/tablesetting run vase --seed 0 --out runs/picture --overwrite
-	$(BIN)/tablesetting inspect runs/picture --screenshot docs/recording.png --at 25.4
+	$(BIN)/tablesetting inspect runs/picture --screenshot docs/recording.png --at 11.7
 
 clean:  ## Remove the virtual environment.
 	rm -rf $(VENV)

@@ -93,12 +93,12 @@ def test_a_text_file_is_no_recording(tmp_path, capsys):
     assert "recording.rrd" in complaint(capsys, "inspect", str(tmp_path), "--text")
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
 @pytest.mark.parametrize("argv", [["run", "cup"], ["run", "vase", "--seed", "-1"]])
 def test_a_mistake_is_told_in_one_plain_line_on_a_terminal(argv):
-    import pty
-
-    leader, follower = pty.openpty()
+    try:
+        leader, follower = os.openpty()
+    except OSError:
+        pytest.skip("this machine has no pseudo-terminals")
     command = [sys.executable, "-m", "tablesetting", *argv]
     streams = {"stdout": follower, "stderr": subprocess.PIPE}
     done = subprocess.run(command, text=True, check=False, **streams)
