@@ -13,7 +13,6 @@ from datetime import datetime
 from pathlib import Path
 
 import tyro
-from tqdm import tqdm
 
 from tablesetting.errors import (
     InvalidFile,
@@ -22,7 +21,6 @@ from tablesetting.errors import (
     TableSettingError,
 )
 from tablesetting.experiments.config import DoctorConfig, InspectConfig, RunConfig
-from tablesetting.results import RECORDING, RunFolder
 
 # Nothing is rendered in this process, and without a display the default would warn.
 os.environ.setdefault("MUJOCO_GL", "disable")
@@ -105,8 +103,11 @@ def _is_rule(line: str) -> bool:
 def _run(config: RunConfig) -> int:
     # What Rerun would log of a failure is told by our own errors.
     os.environ.setdefault("RUST_LOG", "off")
+    from tqdm import tqdm
+
     from tablesetting.experiments.run import run
     from tablesetting.experiments.setup import RunSetup
+    from tablesetting.results import RECORDING, RunFolder
 
     setup = RunSetup.of_config(config)
     out = config.out or _new_folder(Path("runs", "run"), config.task)
@@ -136,6 +137,7 @@ def _inspect(config: InspectConfig) -> int:
     from tablesetting.recording.screenshot import screenshot
     from tablesetting.recording.story import tell
     from tablesetting.recording.viewer import view
+    from tablesetting.results import RECORDING
 
     recording = config.run / RECORDING if config.run.is_dir() else config.run
     if config.screenshot is not None:
