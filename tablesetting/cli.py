@@ -126,6 +126,9 @@ def _run(config: RunConfig) -> int:
         rounds_done = f"{num_rounds} finished round{'s' * (num_rounds != 1)}"
         print(f"interrupted; {rounds_done} in {out}", file=sys.stderr)
         return INTERRUPTED
+    except OutputError as error:  # The folder could be written when the run began.
+        print(f"error: {error}", file=sys.stderr)
+        return FAILED
     recording = out / RECORDING
     print(f"recording: {recording} ({recording.stat().st_size / 1e6:.1f} MB)")
     program = "tablesetting" if shutil.which("tablesetting") else sys.argv[0]

@@ -110,8 +110,8 @@ def test_a_mistake_is_told_in_one_plain_line_on_a_terminal(argv):
     assert argv[-1] in done.stderr
 
 
-def test_a_reader_who_leaves_causes_no_traceback():
-    command = f"{sys.executable} -m tablesetting doctor --out /tmp | head -1"
+def test_a_reader_who_leaves_causes_no_traceback(tmp_path):
+    command = f"{sys.executable} -m tablesetting doctor --out '{tmp_path}' | head -1"
     done = subprocess.run(
         command, shell=True, text=True, capture_output=True, check=False
     )
