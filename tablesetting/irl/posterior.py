@@ -92,8 +92,8 @@ def climb_to_map(
 
     The best of many samples in a dozen dimensions is still well below the mode. Each
     step takes the best of a batch of proposals of mixed sizes; the sizes grow after a
-    step that was better and shrink where none is. No derivatives are needed, nor does the search mind the
-    edges of the L1 sphere, where sparse rewards lie.
+    step that was better and shrink where none is. No derivatives are needed, nor does
+    the search mind the edges of the L1 sphere, where sparse rewards lie.
 
     Args:
         log_likelihood: Log likelihood of a batch of weights; the prior is uniform.

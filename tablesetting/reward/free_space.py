@@ -75,19 +75,6 @@ class FreeSpace:
         distances = stadium_distance(offsets, radius, half_length)
         return np.concatenate([distances, points, 1.0 - points], axis=1)
 
-    def _margin(self, points: Array, limit: Indices) -> Array:
-        """Return how far points, shape (S, 2), are within one limit each, (S,)."""
-        is_edge = limit >= len(self.obstacles)
-        owner = np.where(is_edge, 0, limit)
-        side = np.where(is_edge, limit - len(self.obstacles), 0)
-        distance = stadium_distance(
-            points - self.centers[owner],
-            self.outlines.radius[owner],
-            self.outlines.half_length[owner],
-        )
-        edges = np.concatenate([points, 1.0 - points], axis=1)
-        return np.where(is_edge, edges[np.arange(len(side)), side], distance)
-
     def _crossings(
         self, sample: Indices, limit: Indices, is_leaving: Booleans
     ) -> Array:
@@ -98,8 +85,8 @@ class FreeSpace:
         for _ in range(_NUM_CUTS):
             cuts = start[:, None] + spacing[:, None] * _SECTIONS
             points = outlines.points(np.repeat(owner, len(_SECTIONS)), cuts.ravel())
-            margin = self._margin(points, np.repeat(limit, len(_SECTIONS)))
-            is_past = (margin.reshape(cuts.shape) >= 0.0) != is_leaving[:, None]
+            margins = self._margins(points).reshape(*cuts.shape, -1)
+            is_past = (margins[rows, :, limit] >= 0.0) != is_leaving[:, None]
             is_past[:, 0], is_past[:, -1] = False, True
             start = cuts[rows, is_past.argmax(axis=1) - 1]
             spacing = spacing * _SECTIONS[1]
