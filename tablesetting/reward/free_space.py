@@ -85,7 +85,9 @@ class FreeSpace:
         for _ in range(_NUM_CUTS):
             cuts = start[:, None] + spacing[:, None] * _SECTIONS
             points = outlines.points(np.repeat(owner, len(_SECTIONS)), cuts.ravel())
-            margins = self._margins(points).reshape(*cuts.shape, -1)
+            margins = self._margins(points).reshape(
+                *cuts.shape, len(self.obstacles) + 4
+            )
             is_past = (margins[rows, :, limit] >= 0.0) != is_leaving[:, None]
             is_past[:, 0], is_past[:, -1] = False, True
             start = cuts[rows, is_past.argmax(axis=1) - 1]
