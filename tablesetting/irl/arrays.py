@@ -1,5 +1,7 @@
 """The array types of the package, and two helpers that numpy lacks."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import numpy.typing as npt
 
@@ -8,17 +10,7 @@ Booleans = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.intp]
 
 
-def log_sum_exp(values: Array) -> Array:
-    r"""Evaluate :math:`\log \sum_i e^{v_i}` without overflow.
-
-    Args:
-        values: Exponents, shape (..., N); minus infinity marks an absent term.
-
-    Returns:
-        The logarithm of the sum over the last axis, shape (...,).
-    """
-    peak = values.max(axis=-1, keepdims=True)
-    return np.log(np.exp(values - peak).sum(axis=-1)) + peak[..., 0]
+_BLOCK_ELEMENTS = 2**20
 
 
 def normalize_l1(vectors: Array) -> Array:
@@ -31,3 +23,18 @@ def normalize_l1(vectors: Array) -> Array:
         The same directions on the L1 unit sphere, shape (..., D).
     """
     return vectors / np.abs(vectors).sum(axis=-1, keepdims=True)
+
+
+def row_blocks(num_rows: int, row_size: int) -> Iterator[slice]:
+    """Cut rows into blocks of about a million elements, to bound the memory of work.
+
+    Args:
+        num_rows: How many rows there are.
+        row_size: Elements that one row takes.
+
+    Yields:
+        Consecutive slices, of one row at least.
+    """
+    step = max(_BLOCK_ELEMENTS // max(row_size, 1), 1)
+    for first in range(0, num_rows, step):
+        yield slice(first, min(first + step, num_rows))

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from tablesetting.irl.arrays import Array
+from tablesetting.irl.arrays import Array, row_blocks
 
 
 def value_at_risk(losses: Array, alpha: float, *, rank_offset: int = 0) -> Array:
@@ -33,4 +33,8 @@ def value_at_risk(losses: Array, alpha: float, *, rank_offset: int = 0) -> Array
     # Rounding: 0.55 * 100 is a little over 55 in floating point.
     rank = math.ceil(round(alpha * num_samples, 9)) + rank_offset
     index = min(max(rank, 1), num_samples) - 1
-    return np.partition(losses, index, axis=-1)[..., index]
+    rows = losses.reshape(-1, num_samples)
+    var = np.empty(len(rows))
+    for block in row_blocks(len(rows), num_samples):
+        var[block] = np.partition(rows[block], index, axis=-1)[:, index]
+    return var.reshape(losses.shape[:-1])

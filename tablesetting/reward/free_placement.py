@@ -35,7 +35,7 @@ def best_free_placements(
     Returns:
         Placements, shape (N, 2), in table units; NaN where no point is free.
     """
-    optima = square_optima(weights, centers[None], widths, only_best=False)
+    optima = square_optima(weights, centers, widths)
     found = [
         _free_of((optima.points, optima.rewards, optima.sample), space),
         _free_of(_outline_optima(weights, centers, widths, space), space),

@@ -148,17 +148,22 @@ class LayoutSpace:
         kept: list[Array] = []
         num_misses = 0
         while len(kept) < num_layouts:
-            layouts = propose()
-            apart = layouts[self.are_apart(layouts)]
-            found = [layout for layout in apart if self.has_room(layout)]
-            kept += found
-            num_misses = 0 if found else num_misses + 1
+            found = self._possible(propose())
+            kept.extend(found)
+            num_misses = 0 if len(found) else num_misses + 1
             if num_misses == _MAX_MISSES:
                 raise InvalidLayout(
                     f"{', '.join(self.objects)} hardly fit on the table together; "
                     "take fewer or smaller objects"
                 )
         return np.stack(kept[:num_layouts])
+
+    def _possible(self, layouts: Array) -> Array:
+        """Keep the layouts, of shape (L, K, 2), that can be set up."""
+        if all(size == POINT for size in self.footprints):
+            return layouts
+        apart = layouts[self.are_apart(layouts)]
+        return apart[[self.has_room(layout) for layout in apart]]
 
 
 def _show(center: Array) -> str:

@@ -6,7 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from tablesetting.irl.arrays import Array, log_sum_exp
+from tablesetting.irl.arrays import Array
+from tablesetting.irl.sampler import Proposals, Walk
+from tablesetting.reward import _kernels
 from tablesetting.reward.rbf import all_centers, rbf_features
 
 
@@ -61,18 +63,31 @@ class BoltzmannLikelihood:
     def __init__(
         self, demos: Sequence[Demonstration], widths: Array, config: BoltzmannConfig
     ):
-        self._beta = config.beta
-        self._num_demos = len(demos)
         centers = all_centers(np.stack([demo.layout for demo in demos]))
         placements = np.stack([demo.placement for demo in demos])
-        self._shown = rbf_features(placements[:, None], centers, widths)[:, 0].sum(0)
-        nodes = config.nodes()
-        features = rbf_features(nodes, centers, widths)  # (D, G, F)
-        self._features = features.reshape(-1, features.shape[-1]).T
-        self._log_num_nodes = np.log(len(nodes))
+        shown = rbf_features(placements[:, None], centers, widths)[:, 0].sum(axis=0)
+        nodes = rbf_features(config.nodes(), centers, widths).swapaxes(1, 2)
+        num_objects = demos[0].layout.shape[0]
+        self._features = _kernels.ChoiceFeatures(
+            config.beta,
+            shown,
+            table=np.ascontiguousarray(nodes[0, num_objects:]),
+            objects=np.ascontiguousarray(nodes[:, :num_objects]),
+        )
 
     def __call__(self, weights: Array) -> Array:
         """Evaluate the log likelihood of weights, shape (C, F), as shape (C,)."""
-        rewards = (weights @ self._features).reshape(len(weights), self._num_demos, -1)
-        normalisers = log_sum_exp(self._beta * rewards) - self._log_num_nodes
-        return self._beta * (weights @ self._shown) - normalisers.sum(axis=-1)
+        return _kernels.log_likelihoods(np.ascontiguousarray(weights), self._features)
+
+    def walk(self, start: Array, log_posts: Array, proposals: Proposals) -> Walk:
+        """Take Metropolis-Hastings steps; the same as `irl.sampler.walk`, compiled."""
+        steps = _kernels.walk(
+            np.ascontiguousarray(start),
+            np.ascontiguousarray(log_posts),
+            proposals.steps,
+            proposals.squared_noise,
+            proposals.log_uniforms,
+            proposals.is_prior_uniform,
+            self._features,
+        )
+        return Walk(*steps)

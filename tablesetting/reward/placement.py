@@ -10,7 +10,7 @@ from tablesetting.irl.arrays import Array
 from tablesetting.reward.free_placement import best_free_placements
 from tablesetting.reward.free_space import FreeSpace
 from tablesetting.reward.rbf import all_centers
-from tablesetting.reward.square import square_optima
+from tablesetting.reward.square import best_on_square
 
 
 def best_placements(
@@ -30,12 +30,8 @@ def best_placements(
     Returns:
         Placements, shape (L, N, 2), in table units; NaN where no point is free.
     """
+    best = best_on_square(weights, layouts, widths)
     centers = all_centers(layouts)
-    optima = square_optima(weights, centers, widths, only_best=True)
-    best = np.empty((len(layouts), len(weights), 2))
-    # Later entries win, so the best of each pair is written last.
-    order = np.argsort(optima.rewards)
-    best[optima.layout[order], optima.sample[order]] = optima.points[order]
     for index, space in enumerate(free_spaces or []):
         blocked = np.flatnonzero(~space.contains(best[index]))
         if blocked.size:

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from tablesetting.irl.active import RiskConfig
-from tablesetting.irl.arrays import Array
+from tablesetting.irl.arrays import Array, row_blocks
 from tablesetting.irl.posterior import Posterior, infer_posterior
 from tablesetting.irl.sampler import McmcConfig
 from tablesetting.reward.layout import LayoutSpace
@@ -116,8 +116,13 @@ class PlacementProblem:
         The loss of the paper's table task, shape (Q, N), in table units.
         """
         weights = np.vstack([posterior.map_weights, posterior.weights])
-        placements = self.best_placements(weights, np.asarray(queries))
-        return np.linalg.norm(placements[:, 1:] - placements[:, :1], axis=-1)
+        layouts = np.asarray(queries)
+        losses = np.empty((len(layouts), len(posterior.weights)))
+        for block in row_blocks(len(layouts), len(weights)):
+            placements = self.best_placements(weights, layouts[block])
+            offsets = placements[:, 1:] - placements[:, :1]
+            losses[block] = np.hypot(offsets[..., 0], offsets[..., 1])
+        return losses
 
     def demonstrate(self, query: Array) -> Demonstration:
         """Show where the task's true weights want the item most.

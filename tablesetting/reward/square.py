@@ -1,12 +1,13 @@
-"""Local optima of many rewards on the unit square: a grid, then Newton's method."""
+"""Optima of many rewards on the unit square: a grid, then Newton's method."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from tablesetting.irl.arrays import Array, Indices
+from tablesetting.irl.arrays import Array, Booleans, Indices
+from tablesetting.reward import _kernels
 from tablesetting.reward.climb import climb
-from tablesetting.reward.rbf import rbf_features
+from tablesetting.reward.rbf import TABLE_CENTERS, all_centers, rbf_features
 
 _GRID_SIZE = 14  # Points along a side, the edges included.
 _TICKS = np.linspace(0.0, 1.0, _GRID_SIZE)
@@ -16,43 +17,60 @@ GRID: Array = np.stack(np.meshgrid(_TICKS, _TICKS), axis=-1).reshape(-1, 2)
 
 @dataclass(frozen=True)
 class Optima:
-    """Local optima, each of one reward in one layout.
+    """Local optima of several rewards in one layout.
 
     Attributes:
         points: Where, shape (S, 2), in table units.
         rewards: Reward there, shape (S,).
-        layout: Index of the layout, shape (S,).
         sample: Index of the reward, shape (S,).
     """
 
     points: Array
     rewards: Array
-    layout: Indices
     sample: Indices
 
 
-def square_optima(
-    weights: Array, centers: Array, widths: Array, *, only_best: bool
-) -> Optima:
-    """Find the local optima on the unit square.
+def best_on_square(weights: Array, layouts: Array, widths: Array) -> Array:
+    """Find the global optimum of every reward in every layout.
+
+    Climbs start from the maxima of the grid that are high enough for it.
 
     Args:
         weights: Reward weights, shape (N, D).
-        centers: RBF centers in each layout, shape (L, D, 2), in table units.
+        layouts: Object centers, shape (L, K, 2), in table units; D is K + 9.
         widths: Width of each RBF, shape (D,), in squared table units.
-        only_best: Whether those that cannot be the global optimum may be left out.
 
     Returns:
-        At least the global optimum of each reward in each layout.
+        Points, shape (L, N, 2), in table units.
     """
-    features = rbf_features(GRID, centers, widths)
-    # One product for all layouts: a stack of small ones would not reach BLAS.
-    values = features.reshape(-1, features.shape[-1]) @ weights.T
-    values = values.reshape(len(centers), len(GRID), len(weights))
-    margin = _near_best(weights, widths) if only_best else np.inf
-    layout, point, sample = _grid_maxima(values, values.max(axis=1) - margin)
-    points, rewards = climb(GRID[point], weights[sample], centers[layout], widths)
-    return Optima(points, rewards, layout, sample)
+    num_objects = layouts.shape[1]
+    on_table = rbf_features(GRID, TABLE_CENTERS, widths[num_objects:])
+    return _kernels.best_on_square(
+        np.ascontiguousarray(weights),
+        np.ascontiguousarray(all_centers(layouts).swapaxes(1, 2)),
+        1.0 / widths,
+        _TICKS,
+        weights[:, num_objects:] @ on_table.T,
+        _near_best(weights, widths),
+    )
+
+
+def square_optima(weights: Array, centers: Array, widths: Array) -> Optima:
+    """Find the local optima in one layout that climbs from the grid's maxima reach.
+
+    Args:
+        weights: Reward weights, shape (N, D).
+        centers: RBF centers, shape (D, 2), in table units.
+        widths: Width of each RBF, shape (D,), in squared table units.
+
+    Returns:
+        The optima, the global one of each reward among them.
+    """
+    values = rbf_features(GRID, centers, widths) @ weights.T
+    point, sample = np.nonzero(_is_grid_maximum(values))
+    at_centers = np.broadcast_to(centers, (len(point), *centers.shape))
+    points, rewards = climb(GRID[point], weights[sample], at_centers, widths)
+    return Optima(points, rewards, sample)
 
 
 def _near_best(weights: Array, widths: Array) -> Array:
@@ -64,22 +82,15 @@ def _near_best(weights: Array, widths: Array) -> Array:
     return np.abs(weights).sum(axis=1) * (_TICKS[1] ** 2 / widths.min())
 
 
-def _grid_maxima(values: Array, floor: Array) -> tuple[Indices, Indices, Indices]:
-    """Find points of the grid that no neighbour exceeds, above the floor (L, N).
-
-    Returns:
-        Layout, point and reward of each, as indices of shape (S,).
-    """
-    num_layouts, _, num_samples = values.shape
-    grid = values.reshape(num_layouts, _GRID_SIZE, _GRID_SIZE, num_samples)
-    is_maximum = grid >= floor[:, None, None]
-    for axis in (1, 2):
-        lower = [slice(None)] * 4
-        upper = [slice(None)] * 4
-        lower[axis], upper[axis] = slice(None, -1), slice(1, None)
-        is_higher = grid[tuple(lower)] > grid[tuple(upper)]
-        is_lower = grid[tuple(lower)] < grid[tuple(upper)]
-        is_maximum[tuple(lower)] &= ~is_lower
-        is_maximum[tuple(upper)] &= ~is_higher
-    layout, row, column, sample = np.nonzero(is_maximum)
-    return layout, row * _GRID_SIZE + column, sample
+def _is_grid_maximum(values: Array) -> Booleans:
+    """Tell which values on the grid, shape (G, N), no neighbour exceeds."""
+    grid = values.reshape(_GRID_SIZE, _GRID_SIZE, -1)
+    is_maximum = np.ones(grid.shape, dtype=bool)
+    for axis in (0, 1):
+        difference = np.diff(grid, axis=axis)
+        padding = [(0, 0)] * 3
+        padding[axis] = (0, 1)
+        is_maximum &= ~np.pad(difference > 0.0, padding)
+        padding[axis] = (1, 0)
+        is_maximum &= ~np.pad(difference < 0.0, padding)
+    return is_maximum.reshape(values.shape)

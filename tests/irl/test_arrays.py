@@ -1,31 +1,28 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
-from tablesetting.irl.arrays import log_sum_exp, normalize_l1
-
-
-def test_log_sum_exp_by_hand():
-    exponents = np.log([[1.0, 2.0, 3.0], [1.0, 1.0, 2.0]])
-    np.testing.assert_allclose(log_sum_exp(exponents), np.log([6.0, 4.0]))
+from tablesetting.irl.arrays import normalize_l1, row_blocks
 
 
-def test_log_sum_exp_neither_overflows_nor_underflows():
-    np.testing.assert_allclose(log_sum_exp(np.array([1e4, 1e4])), 1e4 + np.log(2))
-    np.testing.assert_allclose(log_sum_exp(np.array([-1e4, -1e4])), -1e4 + np.log(2))
+def test_normalised_vectors_have_unit_l1_norm_and_keep_their_direction():
+    vectors = np.random.default_rng(0).standard_normal((5, 7))
+    scaled = normalize_l1(vectors)
+    np.testing.assert_allclose(np.abs(scaled).sum(axis=1), 1.0)
+    np.testing.assert_allclose(scaled * np.abs(vectors).sum(axis=1)[:, None], vectors)
 
 
-def test_log_sum_exp_ignores_absent_terms():
-    assert log_sum_exp(np.array([0.5, -np.inf, -np.inf])) == 0.5
+@given(st.integers(0, 50), st.integers(0, 2**21))
+def test_blocks_cover_every_row_once_and_stay_small(num_rows, row_size):
+    blocks = list(row_blocks(num_rows, row_size))
+    rows = [row for block in blocks for row in range(num_rows)[block]]
+    assert rows == list(range(num_rows))
+    for block in blocks:
+        num_in_block = block.stop - block.start
+        assert num_in_block == 1 or num_in_block * row_size <= 2**20
 
 
-@given(arrays(float, (3, 4), elements=st.floats(-5, 5)), st.floats(-500, 500))
-def test_log_sum_exp_moves_with_a_shift(exponents, shift):
-    shifted = log_sum_exp(exponents + shift)
-    np.testing.assert_allclose(shifted, log_sum_exp(exponents) + shift, atol=1e-9)
-
-
-def test_normalize_l1_by_hand():
-    vectors = np.array([[3.0, -1.0], [0.0, -2.0]])
-    np.testing.assert_array_equal(normalize_l1(vectors), [[0.75, -0.25], [0.0, -1.0]])
+@pytest.mark.parametrize(("row_size", "expected"), [(2**19, [2, 2, 1]), (10, [5])])
+def test_blocks_are_as_large_as_they_may_be(row_size, expected):
+    assert [block.stop - block.start for block in row_blocks(5, row_size)] == expected

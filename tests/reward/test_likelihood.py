@@ -5,15 +5,23 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.special import logsumexp
 
-from tablesetting.irl.sampler import sample_uniform_weights
+from tablesetting.irl.sampler import (
+    McmcConfig,
+    Proposals,
+    Walker,
+    run_chains,
+    sample_uniform_weights,
+    walk,
+)
 from tablesetting.reward.likelihood import (
     BoltzmannConfig,
     BoltzmannLikelihood,
     Demonstration,
 )
 from tablesetting.reward.problem import DEFAULT, PlacementProblem
-from tablesetting.reward.rbf import TABLE_CENTERS
+from tablesetting.reward.rbf import TABLE_CENTERS, all_centers, rbf_features
 from tablesetting.reward.tasks import SPOON, TASKS, VASE
 
 WIDTHS = np.full(13, 0.3)
@@ -45,6 +53,14 @@ def plain_log_likelihood(weights, demos, config):
         total += config.beta * reward(demo.placement, demo.layout)
         total -= math.log(normaliser)
     return total
+
+
+def exact_log_likelihood(weights, demo, config):
+    """Evaluate the log likelihood of one demonstration by scipy's log-sum-exp, (C,)."""
+    centers = all_centers(demo.layout)
+    on_nodes = config.beta * rbf_features(config.nodes(), centers, WIDTHS) @ weights.T
+    shown = config.beta * rbf_features(demo.placement[None], centers, WIDTHS)[0]
+    return weights @ shown - logsumexp(on_nodes, axis=0) + np.log(len(config.nodes()))
 
 
 @pytest.mark.parametrize(
@@ -113,6 +129,51 @@ def test_log_likelihood_equals_plain_sums(config):
     found = BoltzmannLikelihood(demos, WIDTHS, config)(weights)
     expected = [plain_log_likelihood(w, demos, config) for w in weights]
     np.testing.assert_allclose(found, expected, rtol=1e-10)
+
+
+@given(st.integers(0, 2**32), st.booleans())
+def test_compiled_steps_are_those_of_the_plain_walk(seed, is_prior_uniform):
+    rng = np.random.default_rng(seed)
+    likelihood = BoltzmannLikelihood(random_demos(2, rng), WIDTHS, CELLS)
+    noise = rng.standard_normal((60, 3, 13))
+    proposals = Proposals(
+        steps=0.05 * noise,
+        squared_noise=np.square(noise).sum(axis=-1),
+        log_uniforms=-rng.standard_exponential((60, 3)),
+        is_prior_uniform=is_prior_uniform,
+    )
+    start = sample_uniform_weights(3, 13, rng=rng)
+    log_posts = likelihood(start)
+    compiled = likelihood.walk(start, log_posts, proposals)
+    plain = walk(likelihood, start, log_posts, proposals)
+    assert len(np.unique(plain.weights[:, 0], axis=0)) > 1  # Some were accepted.
+    np.testing.assert_allclose(compiled.weights, plain.weights, atol=1e-12)
+    np.testing.assert_allclose(compiled.log_posts, plain.log_posts, atol=1e-9)
+    np.testing.assert_allclose(compiled.log_ratios, plain.log_ratios, atol=1e-9)
+
+
+def test_chains_take_the_compiled_steps():
+    rng = np.random.default_rng(0)
+    likelihood = BoltzmannLikelihood(random_demos(2, rng), WIDTHS, CELLS)
+    config = McmcConfig(num_chains=2, num_steps=300, burn_in=100, thin=1)
+    start = sample_uniform_weights(2, 13, rng=rng)
+    assert isinstance(likelihood, Walker)
+    compiled, plain = (
+        run_chains(each, start, config, rng=np.random.default_rng(1))
+        for each in (likelihood, likelihood.__call__)
+    )
+    np.testing.assert_allclose(compiled.weights, plain.weights, atol=1e-9)
+
+
+@pytest.mark.parametrize("beta", [1.0, 100.0, 2000.0])
+def test_no_confidence_of_the_demonstrator_overflows(beta):
+    """Rewards differ by up to 2, so that exponents span 2 beta."""
+    config = BoltzmannConfig(beta=beta, resolution=8)
+    demos = random_demos(2, np.random.default_rng(0))
+    weights = sample_uniform_weights(20, 13, rng=np.random.default_rng(1))
+    found = BoltzmannLikelihood(demos, WIDTHS, config)(weights)
+    expected = sum(exact_log_likelihood(weights, demo, config) for demo in demos)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 @settings(deadline=None)

@@ -69,24 +69,25 @@ def test_one_repulsive_object_sends_the_item_to_the_farthest_corner():
     np.testing.assert_array_equal(found, [[[1.0, 0.0]]])
 
 
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(20))
 def test_optimum_is_never_below_a_dense_grid_and_where_zooming_in_leads(seed):
     rng = np.random.default_rng(seed)
     layout = rng.random((4, 2))
-    weights = random_rewards(40, 13, rng)
+    weights = random_rewards(100, 13, rng)
     found = best_placements(weights, layout[None], WIDTHS)[0]
     on_grid = rbf_features(GRID, all_centers(layout), WIDTHS) @ weights.T
     gain = rewards_of(found, weights, layout, WIDTHS) - on_grid.max(axis=0)
     assert gain.min() >= -1e-12
     num_unique = 0
-    for point, weight, values in zip(found, weights, on_grid.T, strict=True):
+    some = slice(None, None, 7)  # Enough to see a rival.
+    for point, weight, values in zip(found, weights, on_grid.T.copy(), strict=True):
         start = GRID[values.argmax()]
-        elsewhere = np.linalg.norm(GRID - start, axis=1) > 0.05
-        if values[elsewhere].max() < values.max() - 1e-3:
+        elsewhere = np.abs(GRID[some] - start).max(axis=1) > 0.05
+        if values[some][elsewhere].max() < values.max() - 1e-3:
             num_unique += 1
             refined = zoom(weight, layout, start)
             np.testing.assert_allclose(point, refined, atol=1e-6)
-    assert num_unique > 20
+    assert num_unique > 50
 
 
 @settings(deadline=None)
