@@ -8,6 +8,7 @@ import re
 import shlex
 import shutil
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -21,6 +22,7 @@ from tablesetting.errors import (
     TableSettingError,
 )
 from tablesetting.experiments.config import DoctorConfig, InspectConfig, RunConfig
+from tablesetting.experiments.study_config import PlacementStudyConfig, StudyConfig
 
 # Nothing is rendered in this process, and without a display the default would warn.
 os.environ.setdefault("MUJOCO_GL", "disable")
@@ -45,6 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     commands: dict[type, Callable[..., int]] = {
         RunConfig: _run,
+        PlacementStudyConfig: _study_placement,
         InspectConfig: _inspect,
         DoctorConfig: _doctor,
     }
@@ -65,19 +68,25 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parse(argv: Sequence[str] | None) -> object:
     """Parse the arguments; a mistake in them is told in one line."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    prog, description = "tablesetting", __doc__ or ""
     configs: dict[str, Callable[..., object]] = {
         "run": RunConfig,
+        "study": StudyConfig,
         "inspect": InspectConfig,
         "doctor": DoctorConfig,
     }
+    if arguments[:1] == ["study"]:
+        prog, description = "tablesetting study", StudyConfig.__doc__ or ""
+        configs, arguments = {"placement": PlacementStudyConfig}, arguments[1:]
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):
             return tyro.extras.subcommand_cli_from_dict(
                 configs,
-                prog="tablesetting",
-                description=__doc__,
-                args=argv,
+                prog=prog,
+                description=description,
+                args=arguments,
                 config=(tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff),
             )
     except SystemExit as stop:
@@ -114,6 +123,7 @@ def _run(config: RunConfig) -> int:
     folder = RunFolder.create(out, overwrite=config.overwrite)
     num_rounds = 0
     try:
+        _load_kernels()
         with (
             contextlib.closing(run(config, setup, folder)) as rounds,
             tqdm(total=config.num_queries + 1, unit="round", disable=None) as bar,
@@ -134,6 +144,70 @@ def _run(config: RunConfig) -> int:
     program = "tablesetting" if shutil.which("tablesetting") else sys.argv[0]
     print(f"open it with: {shlex.join([program, 'inspect', str(out)])}")
     return 0
+
+
+def _study_placement(config: PlacementStudyConfig) -> int:
+    from tqdm import tqdm
+
+    from tablesetting.experiments.study import finish_study, run_study
+    from tablesetting.experiments.study_files import StudyFolder
+    from tablesetting.experiments.study_results import COMPARISON, FIGURE
+
+    out = config.out or _new_folder(Path("runs", "study"), "placement")
+    open_study = StudyFolder.merge if config.merge else StudyFolder.open
+    with open_study(config, out) as study:
+        num_before, num_trials = len(study.rows), study.num_trials
+        try:
+            if study.unfinished:
+                _load_kernels()  # Lest every process compile them.
+            with (
+                contextlib.closing(
+                    run_study(study, config.jobs or _num_cores())
+                ) as trials,
+                tqdm(
+                    total=num_trials, initial=num_before, unit="trial", disable=None
+                ) as bar,
+            ):
+                for num_done, _ in enumerate(trials, start=num_before + 1):
+                    bar.update()
+                    if bar.disable and _is_tenth(num_done, num_trials):
+                        print(f"{num_done} of {num_trials} trials", flush=True)
+            lines = finish_study(study)
+        except KeyboardInterrupt:
+            print(
+                f"interrupted; {len(study.rows)} of {num_trials} trials are in {out}; "
+                f"go on with the same options and --resume --out {out}",
+                file=sys.stderr,
+            )
+            return INTERRUPTED
+        except OutputError as error:  # The folder could be written at the start.
+            print(f"error: {error}", file=sys.stderr)
+            return FAILED
+    print(*lines, f"table: {out / COMPARISON}", f"figure: {out / FIGURE}", sep="\n")
+    return 0
+
+
+def _load_kernels() -> None:
+    """Load the compiled code; say so if the wait is for a compiler."""
+    from tablesetting.reward.problem import load_kernels
+
+    message = "compiling, for the first use of this installation; some seconds"
+    timer = threading.Timer(1.5, print, [message], {"file": sys.stderr})
+    timer.start()
+    try:
+        load_kernels()
+    finally:
+        timer.cancel()
+
+
+def _is_tenth(count: int, total: int) -> bool:
+    """Tell whether a count is the first of a tenth of the total."""
+    return 10 * count // total > 10 * (count - 1) // total
+
+
+def _num_cores() -> int:
+    """Count the cores that this process may use."""
+    return len(os.sched_getaffinity(0))
 
 
 def _inspect(config: InspectConfig) -> int:

@@ -15,3 +15,7 @@ class InvalidFile(TableSettingError):
 
 class OutputError(TableSettingError):
     """A run folder exists already or cannot be written."""
+
+
+class WorkerDied(TableSettingError):
+    """A process was killed or crashed at every try of the same piece of work."""

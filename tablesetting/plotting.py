@@ -1,17 +1,21 @@
 """Figures of a run: rows or arrays in, a matplotlib Figure out; nothing is shown."""
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from tablesetting.curves import CurveKey, Curves
 from tablesetting.results import numbers
 
 Array = npt.NDArray[np.float64]
 
 _MEAN, _MAX, _BOUND = "#1b6ca8", "#d1495b", "#3c3c3c"
+_STRATEGIES = (_MEAN, "#f28e2b", "#59a14f", "#8e5ea2", "#7f7f7f")
 _MARKERS = (("X", "#1b6ca8"), ("P", "#d1495b"), ("D", "#f28e2b"))
 
 
@@ -89,3 +93,83 @@ def plot_query(
     )
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
     return figure
+
+
+def plot_placement_study(ours: Curves, published: Curves, title: str) -> Figure:
+    """Draw the paper's figure of the table task, its own curves behind ours.
+
+    Above, for each task, the mean error of every strategy; below, mean and largest error
+    and the bound of the first one. Bars are half a standard deviation over the trials.
+
+    Args:
+        ours: Curves of mean_placement_error, max_placement_error and var_bound.
+        published: Curves of the paper, of the same names.
+        title: The settings.
+
+    Returns:
+        The figure, with a column of two panels for each task.
+    """
+    tasks = list(dict.fromkeys(key.task for key in ours))
+    strategies = list(dict.fromkeys(key.strategy for key in ours))
+    figure = Figure(figsize=(1.0 + 4.6 * len(tasks), 7.2), layout="constrained")
+    panels = figure.subplots(2, len(tasks), sharex=True, squeeze=False)
+    for column, task in enumerate(tasks):
+        upper, lower = panels[:, column]
+        for strategy, color in zip(strategies, cycle(_STRATEGIES), strict=False):
+            key = CurveKey(task, strategy, "mean_placement_error")
+            _draw_both(upper, key, strategy, color, ours, published)
+        for quantity, color, label in (
+            ("var_bound", _BOUND, "0.95-VaR bound"),
+            ("max_placement_error", _MAX, "largest error"),
+            ("mean_placement_error", _MEAN, "mean error"),
+        ):
+            key = CurveKey(task, strategies[0], quantity)
+            _draw_both(lower, key, f"{strategies[0]}, {label}", color, ours, published)
+        upper.set(title=f"place {task}", ylabel="mean placement error [table units]")
+        lower.set(xlabel="demonstrations", ylabel="placement error [table units]")
+        for axes in (upper, lower):
+            axes.set_ylim(0.0, None)
+            axes.margins(x=0.03)
+            axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+            axes.grid(alpha=0.3)
+    for axes in panels[:, 0]:  # The colours are the same in every column.
+        axes.legend(frameon=False, fontsize=8)
+    figure.suptitle(title, fontsize=10)
+    return figure
+
+
+def _draw_both(
+    axes: Axes,
+    key: CurveKey,
+    label: str,
+    color: str,
+    ours: Curves,
+    published: Curves,
+) -> None:
+    """Draw a curve with its bars, and behind it the published one with its band."""
+    if key in published:
+        curve = published[key]
+        low, high = curve.means - curve.half_stds, curve.means + curve.half_stds
+        axes.fill_between(curve.num_demos, low, high, color=color, alpha=0.15, lw=0.0)
+        axes.plot(
+            curve.num_demos,
+            curve.means,
+            "--",
+            color=color,
+            alpha=0.6,
+            label=f"{label} (paper)",
+        )
+    if key in ours:
+        curve = ours[key]
+        axes.errorbar(
+            curve.num_demos,
+            curve.means,
+            curve.half_stds,
+            color=color,
+            label=label,
+            marker="o",
+            ms=3.5,
+            lw=1.2,
+            elinewidth=0.8,
+            capsize=2.0,
+        )

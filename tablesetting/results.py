@@ -6,11 +6,13 @@ to a temporary name and then renamed.
 
 import contextlib
 import csv
+import fcntl
 import fnmatch
+import io
 import json
 import os
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -24,14 +26,20 @@ SUMMARY = "summary.json"
 RECORDING = "recording.rrd"
 
 CONFIG_FORMAT = "tablesetting-config/1"
+
+Row = Mapping[str, str]
+"""A row of a table as it is read: every value as text."""
+
 _RUN_FILES = (
     *(CONFIG, ROUNDS, SUMMARY, RECORDING),
     *("weights.json", "demonstrations.json", "posterior.npz"),
     *("figures", "figures/learning.png", "figures/query_*.png"),
-    *(".*-*.json", ".*-*.npz", "figures/.*-*.png"),  # Cut short by a kill.
+    *("comparison.md", "figures/placement.png", "figures/placement.svg"),
+    *(".*-*.json", ".*-*.npz", ".*-*.csv", ".*-*.md"),  # Cut short by a kill.
+    *("figures/.*-*.png", "figures/.*-*.svg"),
 )
 
-_PACKAGES = ("mujoco", "dm-control", "mink", "rerun-sdk", "numpy")
+_PACKAGES = ("mujoco", "dm-control", "mink", "rerun-sdk", "numpy", "numba")
 
 
 def package_versions() -> dict[str, str]:
@@ -71,6 +79,23 @@ class RunFolder:
             ) from error
         return cls(path)
 
+    @contextlib.contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep other processes from writing here meanwhile; a kill ends that, too.
+
+        Raises:
+            OutputError: If another process has it locked.
+        """
+        with (self.path / CONFIG).open("rb") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                raise OutputError(
+                    f"another process is writing to '{self.path}'; wait for it or "
+                    "choose another --out"
+                ) from error
+            yield
+
     def write_json(self, name: str, content: Mapping[str, Any]) -> None:
         """Write a JSON file, atomically."""
         text = json.dumps(content, indent=1, allow_nan=False) + "\n"
@@ -98,28 +123,41 @@ class RunFolder:
             with contextlib.suppress(OSError):
                 temporary.unlink()
 
-    def append_row(self, row: Mapping[str, Any], name: str = ROUNDS) -> None:
-        """Append a row to a table, which takes its header from the first one."""
-        path = self.path / name
+    def append_rows(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Append rows to the table of rounds, which takes its header from the first."""
+        path = self.path / ROUNDS
         try:
             with path.open("a+", newline="", encoding="utf-8") as file:
                 file.seek(0)
                 header = next(csv.reader(file), None)
-                writer = csv.DictWriter(file, list(row), lineterminator="\n")
-                if header is None:
-                    writer.writeheader()
-                elif header != writer.fieldnames:
+                if header not in (None, list(rows[0])):
                     raise ValueError(
-                        f"'{path}' has the columns {header}; got {writer.fieldnames}"
+                        f"'{path}' has the columns {header}; got {list(rows[0])}"
                     )
-                writer.writerow(row)
+                # One write: a kill should not come in between.
+                file.write(_to_csv(rows, with_header=header is None))
         except OSError as error:
             raise OutputError(
                 f"cannot write '{path}': {_reason(error)}; free some space"
             ) from error
 
+    def write_rows(self, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Write the table of rounds anew, atomically."""
+        text = _to_csv(rows, with_header=True) if rows else ""
+        self.write(ROUNDS, lambda path: path.write_text(text, encoding="utf-8"))
 
-def read_rows(path: Path) -> list[dict[str, str]]:
+
+def _to_csv(rows: Sequence[Mapping[str, Any]], *, with_header: bool) -> str:
+    """Write rows as lines."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    if with_header:
+        writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def read_rows(path: Path) -> list[Row]:
     """Read a table back, one dict per row, every value as text.
 
     Raises:
@@ -169,7 +207,7 @@ def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return content
 
 
-def numbers(rows: Sequence[Mapping[str, str]], column: str) -> list[float]:
+def numbers(rows: Sequence[Row], column: str) -> list[float]:
     """Return a column as numbers; an empty cell becomes NaN."""
     return [float(row[column]) if row[column] else float("nan") for row in rows]
 

@@ -182,8 +182,9 @@ def test_what_is_saved_under_its_final_name_is_never_seen_unfinished(folder):
 
 
 def test_rows_come_back_as_text_below_one_header(folder):
-    folder.append_row({"num_demos": 1, "failure": "", "error": 0.25})
-    folder.append_row({"num_demos": 2, "failure": 'slipped, "tilted"\n', "error": 1e-9})
+    folder.append_rows([{"num_demos": 1, "failure": "", "error": 0.25}])
+    quoted = 'slipped, "tilted"\n'
+    folder.append_rows([{"num_demos": 2, "failure": quoted, "error": 1e-9}])
     assert read_rows(folder.path / ROUNDS) == [
         {"num_demos": "1", "failure": "", "error": "0.25"},
         {"num_demos": "2", "failure": 'slipped, "tilted"\n', "error": "1e-09"},
@@ -192,14 +193,29 @@ def test_rows_come_back_as_text_below_one_header(folder):
 
 def test_rows_are_on_the_disk_at_once(folder):
     for count in (1, 2, 3):
-        folder.append_row({"num_demos": count}, "more.csv")
-        assert len(read_rows(folder.path / "more.csv")) == count
+        folder.append_rows([{"num_demos": count}])
+        assert len(read_rows(folder.path / ROUNDS)) == count
+
+
+def test_rows_of_other_columns_are_not_appended(folder):
+    folder.append_rows([{"a": 1}])
+    with pytest.raises(ValueError, match=r"has the columns \['a'\]; got \['b'\]"):
+        folder.append_rows([{"b": 1}])
+    assert read_rows(folder.path / ROUNDS) == [{"a": "1"}]
+
+
+def test_a_table_can_be_written_anew(folder):
+    folder.append_rows([{"a": 2}, {"a": 1}])
+    folder.write_rows([{"a": 1}, {"a": 2}])
+    assert read_rows(folder.path / ROUNDS) == [{"a": "1"}, {"a": "2"}]
+    folder.write_rows([])
+    assert read_rows(folder.path / ROUNDS) == []
 
 
 def test_a_row_that_cannot_be_written_is_told(folder):
     shutil.rmtree(folder.path)
     with pytest.raises(OutputError, match=r"cannot write '.*rounds\.csv'"):
-        folder.append_row({"num_demos": 1})
+        folder.append_rows([{"num_demos": 1}])
 
 
 def test_numbers_are_a_column_with_nan_where_it_is_empty():

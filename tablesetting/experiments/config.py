@@ -12,9 +12,18 @@ StrategyName = Literal["active-var", "random"]
 PresetName = Literal["default", "paper"]
 
 
-def _by_preset(default: str, paper: str) -> Any:
+def by_preset(default: str, paper: str) -> Any:
     """Say in the help what an option is by default, under either preset."""
     return arg(help_behavior_hint=f"(default: {default}; paper preset: {paper})")
+
+
+def refuse_below(config: object, **least: int) -> None:
+    """Refuse options that are below the least that has a meaning."""
+    for name, bound in least.items():
+        value = getattr(config, name)
+        if value is not None and value < bound:
+            option = name.replace("_", "-")
+            raise ValueError(f"--{option} must be at least {bound}; got {value}")
 
 
 @dataclass(frozen=True)
@@ -34,22 +43,22 @@ class RunConfig:
     """`default` is statistically sound and physical; `paper` reproduces the published
     curves, with objects that are points."""
     candidates: Annotated[
-        Literal["any", "one-moved"] | None, _by_preset("any", "one-moved")
+        Literal["any", "one-moved"] | None, by_preset("any", "one-moved")
     ] = None
     """Layouts to choose from: drawn anew, or the last one with one object moved."""
     num_candidates: int = 50
     """Layouts to choose from in each round."""
     first_layout: Annotated[
-        str | None, _by_preset("random", "paper where the task has one")
+        str | None, by_preset("random", "paper where the task has one")
     ] = None
     """Where the first demonstration is given: `random`, `paper` or a file."""
-    layouts: Annotated[str | None, _by_preset("valid", "uniform")] = None
+    layouts: Annotated[str | None, by_preset("valid", "uniform")] = None
     """Test layouts: physically `valid`, `uniform` points, or a file."""
     num_layouts: int = 200
     """Test layouts drawn."""
-    epsilon: Annotated[float | None, _by_preset("0.05", "0, never")] = None
+    epsilon: Annotated[float | None, by_preset("0.05", "0, never")] = None
     """Stop once the value at risk of every candidate is below this, in table units."""
-    execute: Annotated[int | None, _by_preset("all", "0")] = None
+    execute: Annotated[int | None, by_preset("all", "0")] = None
     """Queried layouts in which the arm acts."""
     seed: int = 0
     """Seed of all randomness."""
@@ -61,17 +70,9 @@ class RunConfig:
     """Replace an earlier run in the folder."""
 
     def __post_init__(self) -> None:
-        for name, least in (
-            ("num_queries", 0),
-            ("num_candidates", 1),
-            ("num_layouts", 1),
-            ("execute", 0),
-            ("seed", 0),
-        ):
-            value = getattr(self, name)
-            if value is not None and value < least:
-                option = name.replace("_", "-")
-                raise ValueError(f"--{option} must be at least {least}; got {value}")
+        refuse_below(
+            self, num_queries=0, num_candidates=1, num_layouts=1, execute=0, seed=0
+        )
         if self.epsilon is not None and not 0.0 <= self.epsilon < math.inf:
             raise ValueError(f"--epsilon must be 0 or more; got {self.epsilon}")
         if self.preset == "paper" and self.execute:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tablesetting.experiments.arm import Attempt
+from tablesetting.experiments.rows import learning_cells, rounded, seconds_cells
 from tablesetting.irl.active import Round
 from tablesetting.irl.arrays import Array
 from tablesetting.recording import ExecutionView, RoundView
@@ -13,7 +14,6 @@ from tablesetting.reward.likelihood import Demonstration
 from tablesetting.reward.problem import PlacementProblem
 
 _MAP_SIZE = 64  # Points along each side of a reward map.
-_DIGITS = 9  # In rounds.csv: below any error that means something.
 
 
 @dataclass(frozen=True)
@@ -80,24 +80,17 @@ class RunRound:
 
 def round_row(latest: RunRound) -> dict[str, object]:
     """Return the row of rounds.csv; cells of what was not done are empty."""
-    learning = latest.learning
+    seconds = latest.attempt.seconds if latest.attempt else None
     row = {
-        "num_demos": latest.num_demos,
-        "mean_placement_error": float(latest.errors.mean()),
-        "max_placement_error": float(latest.errors.max()),
-        "var_bound": learning.var_bound,
-        "ess": learning.posterior.ess,
-        "rhat": learning.posterior.rhat,
-        "acceptance_rate": learning.posterior.acceptance_rate,
+        **learning_cells(latest.learning, latest.errors),
         "learning_error": latest.learning_error,
         **_attempt_cells(latest.attempt),
         "detour": latest.detour,
         "outcome_error": latest.outcome_error,
-        "inference_seconds": learning.inference_seconds,
-        "query_seconds": learning.query_seconds,
-        "simulation_seconds": latest.attempt.seconds if latest.attempt else None,
+        **seconds_cells(latest.learning),
+        "simulation_seconds": seconds,
     }
-    return {name: _round(value) for name, value in row.items()}
+    return rounded(row)
 
 
 def round_view(latest: RunRound, problem: PlacementProblem, strategy: str) -> RoundView:
@@ -169,8 +162,3 @@ def _attempt_cells(attempt: Attempt | None) -> Mapping[str, object]:
         attempt.failure,
     )
     return dict(zip(names, values, strict=True))
-
-
-def _round(value: object) -> object:
-    # Adding 0.0 makes -0.0 plain zero.
-    return round(float(value), _DIGITS) + 0.0 if isinstance(value, float) else value

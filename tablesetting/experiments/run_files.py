@@ -67,7 +67,7 @@ class RunFiles:
         """Add a round to the table and bring all other files up to date."""
         self._rounds.append(latest)
         problem, posterior = self._setup.problem, latest.learning.posterior
-        self._folder.append_row(round_row(latest))
+        self._folder.append_rows([round_row(latest)])
         self._folder.write_json(
             "demonstrations.json",
             demonstrations_to_json(latest.learning.demos, problem.task),

@@ -59,8 +59,14 @@ class RunSetup:
     rng: np.random.Generator
 
     @classmethod
-    def of_config(cls, config: RunConfig) -> "RunSetup":
+    def of_config(
+        cls, config: RunConfig, seeds: np.random.SeedSequence | None = None
+    ) -> "RunSetup":
         """Resolve the options.
+
+        Args:
+            config: The options.
+            seeds: Source of all randomness; that of the seed among the options if None.
 
         Raises:
             InvalidFile: If a file of layouts cannot be used.
@@ -70,7 +76,7 @@ class RunSetup:
         defaults = DEFAULTS[config.preset]
         first_rng, test_rng, loop_rng = (
             np.random.default_rng(child)
-            for child in np.random.SeedSequence(config.seed).spawn(3)
+            for child in (seeds or np.random.SeedSequence(config.seed)).spawn(3)
         )
         problem = _make_problem(config)
         executes = config.num_queries if defaults.executes else 0

@@ -1,7 +1,7 @@
 """A placement task as a problem that the active loop can learn."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -10,6 +10,7 @@ from tablesetting.irl.active import RiskConfig
 from tablesetting.irl.arrays import Array, row_blocks
 from tablesetting.irl.posterior import Posterior, infer_posterior
 from tablesetting.irl.sampler import McmcConfig
+from tablesetting.reward.climb import climb
 from tablesetting.reward.layout import LayoutSpace
 from tablesetting.reward.likelihood import (
     BoltzmannConfig,
@@ -18,7 +19,7 @@ from tablesetting.reward.likelihood import (
 )
 from tablesetting.reward.placement import best_placements
 from tablesetting.reward.rbf import RbfWidths, all_centers, rbf_features
-from tablesetting.reward.tasks import PlacementTask
+from tablesetting.reward.tasks import VASE, PlacementTask
 
 
 @dataclass(frozen=True)
@@ -172,3 +173,19 @@ class PlacementProblem:
         spaces = [self.space.free_space(layout)]
         found = best_placements(weights[None], layout[None], self.widths, spaces)
         return found[0, 0]
+
+
+def load_kernels() -> None:
+    """Load the machine code behind inference and placements, or compile it.
+
+    The first use of an installation compiles, for some seconds; to call this first keeps
+    that out of what is timed, and out of processes that would all do the same.
+    """
+    short = replace(
+        PAPER, num_candidates=1, mcmc=replace(PAPER.mcmc, num_steps=8, thin=1)
+    )
+    problem, rng = PlacementProblem(VASE, short), np.random.default_rng(0)
+    demo = problem.demonstrate(np.full((len(VASE.objects), 2), 0.5))
+    posterior = problem.infer([demo], None, rng=rng)
+    problem.policy_losses([demo.layout], posterior)
+    climb(np.zeros((1, 2)), np.eye(1), np.zeros((1, 1, 2)), np.ones(1))

@@ -1,0 +1,131 @@
+"""Curves over the number of demonstrations: means over trials, and published ones."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from tablesetting.results import Row, numbers, read_rows
+
+Array = npt.NDArray[np.float64]
+
+
+class CurveKey(NamedTuple):
+    """What a curve is of: a column of the rows of one task and strategy."""
+
+    task: str
+    strategy: str
+    quantity: str
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The mean of a quantity over trials.
+
+    Attributes:
+        num_demos: Numbers of demonstrations, increasing, shape (S,).
+        means: Mean over the trials after as many, shape (S,).
+        stds: Standard deviation over the trials, shape (S,).
+        num_trials: How many trials there were.
+    """
+
+    num_demos: Array
+    means: Array
+    stds: Array
+    num_trials: int
+
+    @property
+    def half_stds(self) -> Array:
+        """The error bars that the paper draws, shape (S,)."""
+        return 0.5 * self.stds
+
+    @property
+    def standard_errors(self) -> Array:
+        """How exact the means are, shape (S,)."""
+        return self.stds / np.sqrt(self.num_trials)
+
+
+Curves = Mapping[CurveKey, Curve]
+
+
+def average(rows: Iterable[Row], quantities: Iterable[str]) -> dict[CurveKey, Curve]:
+    """Average columns of a table over its trials.
+
+    Args:
+        rows: Rows with task, strategy, trial and num_demos, every trial complete.
+        quantities: Columns to average.
+
+    Returns:
+        A curve for each task, strategy and quantity, in the order of the rows.
+    """
+    groups: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        groups.setdefault((row["task"], row["strategy"]), []).append(row)
+    quantities = tuple(quantities)
+    return {
+        CurveKey(task, strategy, quantity): _mean_curve(*_by_step(group, quantity))
+        for (task, strategy), group in groups.items()
+        for quantity in quantities
+    }
+
+
+def paired_difference(
+    rows: Iterable[Row],
+    task: str,
+    strategy: str,
+    other: str,
+    quantity: str = "mean_placement_error",
+) -> Curve:
+    """Average over the trials how much larger a quantity is than under another strategy.
+
+    Both strategies have to be in the same trials, which makes the mean more exact than
+    the difference of two means.
+    """
+    own = [row for row in rows if row["task"] == task]
+    num_demos, values = _by_step(_of_strategy(own, strategy), quantity)
+    _, others = _by_step(_of_strategy(own, other), quantity)
+    return _mean_curve(num_demos, values - others)
+
+
+def _of_strategy(rows: Iterable[Row], strategy: str) -> list[Row]:
+    return [row for row in rows if row["strategy"] == strategy]
+
+
+def _by_step(rows: Sequence[Row], quantity: str) -> tuple[Array, Array]:
+    """Return numbers of demonstrations (S,) and values, trials in order, (S, T)."""
+    num_demos, steps = np.unique(numbers(rows, "num_demos"), return_inverse=True)
+    values = np.array(numbers(rows, quantity))
+    order = np.lexsort((np.array(numbers(rows, "trial")), steps))
+    return num_demos, values[order].reshape(len(num_demos), -1)
+
+
+def _mean_curve(num_demos: Array, values: Array) -> Curve:
+    """Average values, shape (S, T), over the trials; one trial has no spread."""
+    num_trials = values.shape[1]
+    stds = values.std(axis=1, ddof=min(1, num_trials - 1))
+    return Curve(num_demos, values.mean(axis=1), stds, num_trials)
+
+
+def read_published(path: Path, num_trials: int) -> dict[CurveKey, Curve]:
+    """Read published curves: task, strategy, quantity, num_demos, mean, half_std.
+
+    Args:
+        path: A table of the package.
+        num_trials: Trials that the means are over.
+    """
+    groups: dict[CurveKey, list[Row]] = {}
+    for row in read_rows(path):
+        key = CurveKey(row["task"], row["strategy"], row["quantity"])
+        groups.setdefault(key, []).append(row)
+    return {
+        key: Curve(
+            np.array(numbers(rows, "num_demos")),
+            np.array(numbers(rows, "mean")),
+            2.0 * np.array(numbers(rows, "half_std")),
+            num_trials,
+        )
+        for key, rows in groups.items()
+    }

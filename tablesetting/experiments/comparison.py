@@ -1,0 +1,90 @@
+"""The curves of a study as tables, the published points beside ours."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from tablesetting.curves import Curve, CurveKey, Curves
+from tablesetting.experiments.published import Difference
+
+_WORDS = {
+    "mean_placement_error": "mean error",
+    "max_placement_error": "largest error",
+    "var_bound": "bound",
+    "bound_held": "trials in which the bound held [%]",
+    "test_var_bound": "bound over the test layouts",
+    "test_bound_held": "trials in which that bound held [%]",
+}
+
+
+def compare(
+    title: str,
+    curves: Curves,
+    found: Sequence[Difference],
+    gains: Mapping[str, Mapping[str, Curve]],
+) -> str:
+    """Write one table for each task, in Markdown.
+
+    Args:
+        title: The settings of the study.
+        curves: Means over the trials.
+        found: Differences from the paper; none where the settings are not the paper's.
+        gains: By task and strategy, how much larger its mean error is than that of the
+            study's first strategy, trial by trial.
+    """
+    lines = [
+        f"Placement study: {title}. Errors and bounds are in table units, means over "
+        "the trials."
+    ]
+    if found:
+        within = sum(difference.bars <= 1.0 for difference in found)
+        lines[0] += (
+            " The distance from ours to the paper's mean is in the paper's error bars, "
+            f"half a standard deviation long: {within} of {len(found)} points are within "
+            "theirs."
+        )
+    for task in dict.fromkeys(key.task for key in curves):
+        own = {key: curve for key, curve in curves.items() if key.task == task}
+        lines += ["", f"## {task}", "", *_head(own)]
+        for key, curve in own.items():
+            lines += _curve_rows(
+                key, curve, [each for each in found if each.key == key]
+            )
+        first = next(iter(own)).strategy
+        lines += [
+            _gain_row(strategy, first, gain)
+            for strategy, gain in gains.get(task, {}).items()
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _head(curves: Curves) -> list[str]:
+    num_demos = next(iter(curves.values())).num_demos
+    names = _row("after demonstrations", (f"{count:.0f}" for count in num_demos))
+    return [names, "|---" * (len(num_demos) + 1) + "|"]
+
+
+def _curve_rows(key: CurveKey, curve: Curve, found: Sequence[Difference]) -> list[str]:
+    """Write a curve, and below it the published one and how far that is."""
+    label = f"{key.strategy}, {_WORDS[key.quantity]}"
+    if key.quantity.endswith("_held"):
+        return [_row(label, (f"{100.0 * mean:.0f}" for mean in curve.means))]
+    rows = [_row(label, (f"{mean:.3f}" for mean in curve.means))]
+    if found:
+        points = {difference.num_demos: difference for difference in found}
+        beside = [points.get(int(num_demos)) for num_demos in curve.num_demos]
+        rows += [
+            _row("paper", (f"{each.published:.3f}" if each else "" for each in beside)),
+            _row("distance", (f"{each.bars:.2f}" if each else "" for each in beside)),
+        ]
+    return rows
+
+
+def _gain_row(strategy: str, first: str, gain: Curve) -> str:
+    cells = (
+        f"{mean:.3f} ± {error:.3f}"
+        for mean, error in zip(gain.means, gain.standard_errors, strict=True)
+    )
+    return _row(f"mean error of {strategy} less that of {first}, paired", cells)
+
+
+def _row(label: str, cells: Iterable[str]) -> str:
+    return f"| {label} | {' | '.join(cells)} |"

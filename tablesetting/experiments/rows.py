@@ -1,0 +1,43 @@
+"""Cells of rounds.csv that a run and a study share."""
+
+from typing import Any
+
+from tablesetting.irl.active import Round
+from tablesetting.irl.arrays import Array
+
+_DIGITS = 9  # Below any error that means something.
+
+
+def learning_cells(learning: Round[Any, Any], errors: Array) -> dict[str, object]:
+    """Return what is known after a number of demonstrations.
+
+    Args:
+        learning: The round.
+        errors: Placement error in every test layout, shape (L,), in table units.
+    """
+    posterior = learning.posterior
+    return {
+        "num_demos": len(learning.demos),
+        "mean_placement_error": float(errors.mean()),
+        "max_placement_error": float(errors.max()),
+        "var_bound": learning.var_bound,
+        "ess": posterior.ess,
+        "rhat": posterior.rhat,
+        "acceptance_rate": posterior.acceptance_rate,
+    }
+
+
+def seconds_cells(learning: Round[Any, Any]) -> dict[str, object]:
+    """Return how long the parts of a round took."""
+    return {
+        "inference_seconds": learning.inference_seconds,
+        "query_seconds": learning.query_seconds,
+    }
+
+
+def rounded(row: dict[str, object]) -> dict[str, object]:
+    """Round every number of a row; adding 0.0 makes -0.0 plain zero."""
+    return {
+        name: round(float(value), _DIGITS) + 0.0 if isinstance(value, float) else value
+        for name, value in row.items()
+    }

@@ -1,0 +1,38 @@
+"""Carry out a study, in this process or in several."""
+
+from collections.abc import Generator
+from functools import partial
+
+from tablesetting.experiments.placement_study import Trial, run_trial
+from tablesetting.experiments.study_files import StudyFolder
+from tablesetting.experiments.study_results import write_results
+from tablesetting.experiments.workers import map_unordered
+from tablesetting.results import ROUNDS, read_rows
+
+
+def run_study(study: StudyFolder, num_jobs: int) -> Generator[Trial, None, None]:
+    """Do the trials that are not finished yet.
+
+    Each is on the disk before it is yielded; the caller may stop at any time.
+
+    Args:
+        study: Where the rows go.
+        num_jobs: Processes; the rows do not depend on it.
+
+    Yields:
+        Every trial when it is done.
+
+    Raises:
+        WorkerDied: If a trial cannot be done, because its processes die.
+    """
+    work = partial(run_trial, study.config)
+    for trial, rows in map_unordered(work, study.unfinished, num_jobs=num_jobs):
+        study.add(trial, rows)
+        yield trial
+
+
+def finish_study(study: StudyFolder) -> list[str]:
+    """Write what a complete study found; return it in words, line by line."""
+    study.write_rows()
+    rows = read_rows(study.folder.path / ROUNDS)
+    return write_results(study.folder, study.config, rows)

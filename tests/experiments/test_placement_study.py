@@ -1,0 +1,332 @@
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from tablesetting import cli
+from tablesetting.experiments.placement_study import (
+    Trial,
+    all_trials,
+    run_trial,
+    shard_trials,
+)
+from tablesetting.experiments.study_config import PlacementStudyConfig
+
+SMALL = ("--num-trials", "3", "--num-queries", "2", "--num-layouts", "20")
+SMALL_CONFIG = PlacementStudyConfig(num_trials=3, num_queries=2, num_layouts=20)
+
+
+def study(out, *options, jobs=1):
+    argv = ["study", "placement", "--out", str(out), "--jobs", str(jobs), *options]
+    return cli.main(argv)
+
+
+def rows_of(folder):
+    """Read the table without its seconds."""
+    with (folder / "rounds.csv").open(newline="") as file:
+        return [
+            {name: cell for name, cell in row.items() if not name.endswith("_seconds")}
+            for row in csv.DictReader(file)
+        ]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("studies") / "whole"
+    assert study(folder, *SMALL) == 0
+    return folder
+
+
+def test_a_study_leaves_rows_summary_figure_and_comparison(whole):
+    names = {str(path.relative_to(whole)) for path in whole.rglob("*.*")}
+    assert names == {
+        "config.json",
+        "rounds.csv",
+        "summary.json",
+        "comparison.md",
+        "figures/placement.png",
+        "figures/placement.svg",
+    }
+    summary = json.loads((whole / "summary.json").read_text())
+    assert summary["published"]["num_points"] == 2 * (4 * 3)
+    config = json.loads((whole / "config.json").read_text())
+    assert config["options"]["tasks"] == ["vase", "spoon"]
+    assert config["resolved"]["problem"]["mcmc"]["num_steps"] == 2500
+    assert config["versions"]["numba"]
+
+
+def test_rows_are_in_order_whatever_was_finished_first(whole):
+    found = [
+        (row["task"], row["trial"], row["strategy"], row["num_demos"])
+        for row in rows_of(whole)
+    ]
+    assert found == [
+        (task, str(trial), strategy, str(num_demos))
+        for task in ("vase", "spoon")
+        for trial in range(3)
+        for strategy in ("active-var", "random")
+        for num_demos in (1, 2, 3)
+    ]
+
+
+def test_the_summary_is_the_mean_of_the_rows(whole):
+    curves = json.loads((whole / "summary.json").read_text())["curves"]
+    rows = rows_of(whole)
+    for curve in curves:
+        values = np.reshape(
+            [
+                float(row[curve["quantity"]])
+                for row in rows
+                if (row["task"], row["strategy"]) == (curve["task"], curve["strategy"])
+            ],
+            (3, 3),
+        )
+        np.testing.assert_allclose(curve["mean"], values.mean(axis=0), atol=1e-6)
+        np.testing.assert_allclose(curve["std"], values.std(axis=0, ddof=1), atol=1e-6)
+
+
+def test_strategies_share_first_demonstration_candidates_and_test_layouts(whole):
+    first = [row for row in rows_of(whole) if row["num_demos"] == "1"]
+    active = [row for row in first if row["strategy"] == "active-var"]
+    random = [row for row in first if row["strategy"] == "random"]
+    for one, other in zip(active, random, strict=True):
+        assert one | {"strategy": ""} == other | {"strategy": ""}
+
+
+def test_trials_differ_from_each_other(whole):
+    errors = {row["mean_placement_error"] for row in rows_of(whole)}
+    assert len(errors) > 20
+
+
+def test_a_trial_is_the_same_in_any_study(whole):
+    """Of other tasks, more trials and fewer queries."""
+    other = PlacementStudyConfig(
+        tasks=("spoon",), num_trials=50, num_queries=1, num_layouts=20
+    )
+    found = run_trial(other, Trial("spoon", 2))
+    expected = [
+        row
+        for row in rows_of(whole)
+        if (row["task"], row["trial"]) == ("spoon", "2") and row["num_demos"] != "3"
+    ]
+    for row, known in zip(found, expected, strict=True):
+        assert {name: str(row[name]) for name in known} == known
+
+
+def test_the_bound_has_held_where_no_error_is_above_it(whole):
+    rows = rows_of(whole)
+    for row in rows:
+        holds = float(row["var_bound"]) >= float(row["max_placement_error"])
+        assert row["bound_held"] == str(int(holds))
+    assert {row["bound_held"] for row in rows} == {"0", "1"}
+
+
+def test_the_bound_over_the_test_layouts_is_given_on_request():
+    config = PlacementStudyConfig(
+        tasks=("spoon",), num_trials=1, num_queries=0, test_bound=True
+    )
+    row, _ = run_trial(config, Trial("spoon", 0))
+    # The candidates differ in one object's place; the test layouts in all.
+    assert row["test_var_bound"] > 0.0
+    assert row["test_var_bound"] != row["var_bound"]
+    assert row["test_bound_held"] in (0, 1)
+
+
+def test_rows_do_not_depend_on_the_number_of_processes(whole, tmp_path):
+    assert study(tmp_path / "study", *SMALL, jobs=3) == 0
+    assert rows_of(tmp_path / "study") == rows_of(whole)
+
+
+def test_shards_are_all_trials_once_and_merge_to_the_whole(whole, tmp_path, capsys):
+    folders = [str(tmp_path / f"part{index}") for index in (1, 2, 3)]
+    for index, folder in enumerate(folders, start=1):
+        assert study(folder, *SMALL, "--shard", f"{index}/3") == 0
+    merge = ["study", "placement", "--out", str(tmp_path / "merged"), "--merge"]
+    assert cli.main([*merge, *folders[:2]]) == 2
+    assert "2 of them, such as vase 2" in capsys.readouterr().err
+    assert cli.main([*merge, *folders, folders[0]]) == 2
+    assert "name each shard once" in capsys.readouterr().err
+    assert not (tmp_path / "merged").exists()
+    assert cli.main([*merge, *folders]) == 0
+    assert rows_of(tmp_path / "merged") == rows_of(whole)
+    whole_text = (whole / "comparison.md").read_text()
+    assert (tmp_path / "merged" / "comparison.md").read_text() == whole_text
+    assert "points are within" in whole_text
+
+
+def test_shards_of_different_studies_do_not_merge(tmp_path, capsys):
+    one, other = str(tmp_path / "one"), str(tmp_path / "other")
+    quick = ("--num-trials", "1", "--num-queries", "0", "--num-layouts", "3")
+    assert study(one, *quick, "--shard", "1/2") == 0
+    assert study(other, *quick, "--shard", "2/2", "--seed", "1") == 0
+    merge = ["study", "placement", "--merge", one, other, "--out", str(tmp_path / "m")]
+    assert cli.main(merge) == 2
+    assert "seed = 1, not 0" in capsys.readouterr().err
+    assert cli.main(["study", "placement", "--merge", str(tmp_path)]) == 2
+    assert "config.json" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("num_shards", [1, 4, 6])
+def test_every_trial_is_in_one_shard(num_shards):
+    shards = [
+        shard_trials(
+            PlacementStudyConfig(num_trials=3, shard=f"{index + 1}/{num_shards}")
+        )
+        for index in range(num_shards)
+    ]
+    together = [trial for shard in shards for trial in shard]
+    assert len(together) == 6
+    assert set(together) == set(all_trials(SMALL_CONFIG))
+    assert max(map(len, shards)) - min(map(len, shards)) <= 1
+
+
+@pytest.mark.parametrize("cut", ["mid-trial", "mid-row", "mid-cell", "header", "none"])
+def test_a_table_that_was_cut_short_is_made_whole(whole, tmp_path, cut):
+    folder = tmp_path / "study"
+    shutil.copytree(whole, folder)
+    table = folder / "rounds.csv"
+    lines = table.read_text().splitlines(keepends=True)
+    table.write_text(
+        {
+            "mid-trial": "".join(lines[:9]),
+            "mid-row": "".join(lines[:13]) + lines[13][:20],
+            "mid-cell": "".join(lines[:12]) + lines[12][:-3],
+            "header": lines[0][:10],
+            "none": "",
+        }[cut]
+    )
+    assert study(folder, *SMALL, "--resume") == 0
+    assert rows_of(folder) == rows_of(whole)
+
+
+def test_finished_trials_are_not_done_again(whole, tmp_path):
+    folder = tmp_path / "study"
+    shutil.copytree(whole, folder)
+    before = (folder / "rounds.csv").read_text()
+    assert study(folder, *SMALL, "--resume") == 0
+    assert (folder / "rounds.csv").read_text() == before  # The seconds, too.
+
+
+def test_a_study_is_resumed_with_its_own_settings_only(whole, tmp_path, capsys):
+    folder = tmp_path / "study"
+    shutil.copytree(whole, folder)
+    before = (folder / "rounds.csv").read_text()
+    assert study(folder, *SMALL[:-1], "21", "--resume") == 2
+    assert "num_layouts = 20, not 21" in capsys.readouterr().err
+    assert study(folder, *SMALL) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert (folder / "rounds.csv").read_text() == before
+
+
+def test_a_folder_is_written_by_one_process_at_a_time(whole, tmp_path, capsys):
+    from tablesetting.results import RunFolder
+
+    folder = tmp_path / "study"
+    shutil.copytree(whole, folder)
+    with RunFolder(folder).locked():
+        assert study(folder, *SMALL, "--resume") == 2
+    assert "another process is writing" in capsys.readouterr().err
+    assert study(folder, *SMALL, "--resume") == 0
+
+
+def test_a_study_that_is_killed_goes_on_to_the_same_rows(tmp_path):
+    """The command with SIGKILL, at moments that differ from run to run."""
+    options = ["--num-trials", "8", "--num-queries", "4", "--seed", "3"]
+    assert study(tmp_path / "whole", *options) == 0
+    folder = tmp_path / "study"
+    command = [sys.executable, "-m", "tablesetting", "study", "placement"]
+    command += ["--out", str(folder), "--resume", "--jobs", "2", *options]
+    num_kills = 0
+    for seconds in (0.4, 3.0, 3.5, 4.0):
+        started = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+        )
+        try:
+            started.wait(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            started.send_signal(signal.SIGKILL)
+            num_kills += 1
+        started.communicate()
+    assert num_kills > 0
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert rows_of(folder) == rows_of(tmp_path / "whole")
+
+
+def test_a_worker_that_is_killed_costs_a_retry_and_nothing_else(tmp_path):
+    options = ["--num-trials", "10", "--num-queries", "4", "--seed", "3"]
+    assert study(tmp_path / "whole", *options) == 0
+    folder = tmp_path / "study"
+    command = [sys.executable, "-m", "tablesetting", "study", "placement"]
+    command += ["--out", str(folder), "--jobs", "2", *options]
+    started = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+    num_kills = 0
+    while started.poll() is None and num_kills < 2:
+        time.sleep(0.3)
+        for worker in workers_of(started.pid)[:1]:
+            os.kill(worker, signal.SIGKILL)
+            num_kills += 1
+            time.sleep(1.0)
+    _, complaint = started.communicate()
+    assert started.returncode == 0, complaint
+    assert num_kills > 0
+    assert rows_of(folder) == rows_of(tmp_path / "whole")
+
+
+def workers_of(pid):
+    """List the processes that compute for a command."""
+    children = []
+    with open(f"/proc/{pid}/task/{pid}/children") as file:
+        children = file.read().split()
+    found = []
+    for child in children:
+        try:
+            with open(f"/proc/{child}/cmdline") as file:
+                command = file.read()
+        except OSError:
+            continue
+        if "spawn_main" in command:
+            found.append(int(child))
+    return found
+
+
+def test_an_interrupted_study_says_how_to_go_on(tmp_path, monkeypatch, capsys):
+    from tablesetting.experiments import study as study_module
+
+    def interrupt(config, trial):
+        if trial.index == 2:
+            raise KeyboardInterrupt
+        return run_trial(config, trial)
+
+    monkeypatch.setattr(study_module, "run_trial", interrupt)
+    assert study(tmp_path / "study", *SMALL) == 130
+    error = capsys.readouterr().err
+    assert "2 of 6 trials" in error
+    assert "--resume" in error
+    assert len(rows_of(tmp_path / "study")) == 2 * 6
+
+
+@pytest.mark.slow
+def test_the_study_reproduces_the_published_figure(tmp_path):
+    assert study(tmp_path / "study", jobs=2) == 0
+    summary = json.loads((tmp_path / "study" / "summary.json").read_text())
+    published = summary["published"]
+    assert published["num_points"] == 86
+    assert published["num_within_error_bars"] >= 0.9 * 86
+    curves = {
+        (curve["task"], curve["strategy"]): np.array(curve["mean"])
+        for curve in summary["curves"]
+        if curve["quantity"] == "mean_placement_error"
+    }
+    for task in ("vase", "spoon"):
+        gain = curves[task, "random"] - curves[task, "active-var"]
+        assert (gain[3:] > 0.0).all()
