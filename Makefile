@@ -5,10 +5,10 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help install run test test-slow format check bench picture clean
+.PHONY: help install run test test-slow format check bench picture reproduction clean
 
 help:  ## List the targets.
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-13s %s\n", $$1, $$2}' Makefile
 
 install: $(INSTALLED)  ## Make the virtual environment.
 
@@ -47,6 +47,10 @@ bench: $(INSTALLED)  ## Measure speed and memory.
 picture: $(INSTALLED)  ## Draw the picture of the README anew (needs a Vulkan driver).
 	$(BIN)/tablesetting run vase --seed 0 --out runs/picture --overwrite
 	$(BIN)/tablesetting inspect runs/picture --screenshot docs/recording.png --at 11.7
+
+reproduction: $(INSTALLED)  ## Do the paper's table experiment, and draw its figure anew.
+	$(BIN)/tablesetting study placement --out runs/reproduction --overwrite
+	cp runs/reproduction/figures/placement.png docs/placement_study.png
 
 clean:  ## Remove the virtual environment.
 	rm -rf $(VENV)

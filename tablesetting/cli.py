@@ -79,6 +79,13 @@ def _parse(argv: Sequence[str] | None) -> object:
     if arguments[:1] == ["study"]:
         prog, description = "tablesetting study", StudyConfig.__doc__ or ""
         configs, arguments = {"placement": PlacementStudyConfig}, arguments[1:]
+    if arguments and not arguments[0].startswith("-") and arguments[0] not in configs:
+        expected = ", ".join(configs)
+        print(
+            f"error: {prog} knows no {arguments[0]!r}; expected one of {expected}",
+            file=sys.stderr,
+        )
+        raise SystemExit(BAD_INPUT)
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):

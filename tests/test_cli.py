@@ -8,6 +8,7 @@ import pytest
 from tablesetting import cli
 
 BOWL_ON_PLATE = {"plate": [0.5, 0.5], "bowl": [0.6, 0.5]}
+STUDY = ("study", "placement")
 CORNERS = {"glass": [0.1, 0.1], "cup": [0.9, 0.1]}
 
 
@@ -29,6 +30,7 @@ def complaint(capsys, *argv):
     ("argv", "parts"),
     [
         ([], ["run", "inspect", "doctor"]),
+        (["cook"], ["'cook'", "run", "study", "inspect", "doctor"]),
         (["run"], ["{vase,spoon}", "required"]),
         (["run", "cup"], ["'cup'", "vase", "spoon"]),
         (["run", "vase", "--num-queries", "-1"], ["--num-queries", "-1", "at least 0"]),
@@ -41,6 +43,27 @@ def complaint(capsys, *argv):
         (["run", "vase", "--layouts", "no.json"], ["no.json", "check the path"]),
         (["run", "spoon", "--first-layout", "paper"], ["spoon", "random"]),
         (["run", "vase", "--colour", "red"], ["--colour"]),
+        (["study"], ["placement"]),
+        (["study", "breakfast"], ["'breakfast'", "placement"]),
+        ([*STUDY, "--tasks", "cup"], ["'cup'", "vase", "spoon"]),
+        ([*STUDY, "--tasks"], ["--tasks", "none"]),
+        ([*STUDY, "--tasks", "vase", "vase"], ["--tasks", "vase vase"]),
+        ([*STUDY, "--strategies", "best"], ["'best'", "active-var", "random"]),
+        ([*STUDY, "--num-trials", "0"], ["--num-trials", "at least 1", "got 0"]),
+        ([*STUDY, "--num-queries", "-1"], ["--num-queries", "at least 0", "-1"]),
+        ([*STUDY, "--num-trials", "many"], ["--num-trials", "'many'"]),
+        ([*STUDY, "--jobs", "0"], ["--jobs", "at least 1", "got 0"]),
+        ([*STUDY, "--shard", "3/2"], ["--shard", "3/2", "such as 2/4"]),
+        ([*STUDY, "--shard", "0/2"], ["--shard", "0/2"]),
+        ([*STUDY, "--shard", "half"], ["--shard", "half"]),
+        ([*STUDY, "--num-trials", "2", "--shard", "1/5"], ["--shard", "4 parts"]),
+        ([*STUDY, "--resume"], ["--resume", "--out"]),
+        ([*STUDY, "--out", "a", "--resume", "--overwrite"], ["--resume"]),
+        ([*STUDY, "--merge", "no-such-part"], ["no-such-part", "check the path"]),
+        ([*STUDY, "--merge", "a", "--seed", "3"], ["--seed", "leave it out"]),
+        ([*STUDY, "--merge", "a", "--shard", "1/2"], ["--shard", "leave it out"]),
+        ([*STUDY, "--layouts", "no.json"], ["--layouts", "valid", "uniform"]),
+        ([*STUDY, "--out", "/dev/null/study"], ["/dev/null/study", "--out"]),
         (["inspect", "nothing-here"], ["nothing-here"]),
         (["inspect", ".", "--text", "--web"], ["--text", "--web"]),
         (["inspect", ".", "--screenshot", "a.png", "--at", "nan"], ["--at", "nan"]),
@@ -122,9 +145,10 @@ def test_a_reader_who_leaves_causes_no_traceback(tmp_path):
 def test_asking_for_help_loads_nothing_heavy():
     code = (
         "import sys, tablesetting.cli as cli\n"
-        "try: cli.main(['run', '--help'])\n"
-        "except SystemExit as stop: assert not stop.code\n"
-        "heavy = {'numpy', 'mujoco', 'mink', 'rerun', 'matplotlib', 'dm_control'}\n"
+        "for command in (['run'], ['study'], ['study', 'placement']):\n"
+        "    try: cli.main([*command, '--help'])\n"
+        "    except SystemExit as stop: assert not stop.code\n"
+        "heavy = {'numpy', 'numba', 'mujoco', 'mink', 'rerun', 'matplotlib', 'dm_control'}\n"
         "assert not heavy & set(sys.modules), heavy & set(sys.modules)"
     )
     done = subprocess.run(
@@ -132,6 +156,7 @@ def test_asking_for_help_loads_nothing_heavy():
     )
     assert done.returncode == 0, done.stderr
     assert "--num-queries" in done.stdout
+    assert "--shard" in done.stdout
 
 
 def test_the_doctor_finds_this_machine_well(tmp_path, capsys):

@@ -10,6 +10,7 @@ from tablesetting.reward.problem import PRESETS
 from tablesetting.reward.tasks import TASKS
 
 SIMULATORS = ("mujoco", "dm_control", "mink", "rerun", "viser")
+LIGHT = ("", ".errors", ".experiments.config", ".experiments.study_config")
 IRL = ("active", "arrays", "diagnostics", "posterior", "risk", "sampler")
 REWARD = ("files", "layout", "likelihood", "placement", "problem", "rbf", "tasks")
 
@@ -36,11 +37,17 @@ def test_results_and_figures_load_no_simulator():
     assert loaded.isdisjoint(SIMULATORS)
 
 
-@pytest.mark.parametrize(
-    "module", ["tablesetting", "tablesetting.errors", "tablesetting.experiments.config"]
-)
+def test_a_study_loads_no_simulator():
+    """Each of its processes would have to wait for that."""
+    loaded = imported_by("tablesetting.experiments.placement_study")
+    assert "numba" in loaded
+    assert loaded.isdisjoint({"matplotlib", *SIMULATORS})
+
+
+@pytest.mark.parametrize("module", LIGHT)
 def test_the_package_and_its_settings_are_light(module):
-    assert imported_by(module).isdisjoint({"numpy", "matplotlib", *SIMULATORS})
+    loaded = imported_by(f"tablesetting{module}")
+    assert loaded.isdisjoint({"numpy", "numba", "matplotlib", *SIMULATORS})
 
 
 @pytest.mark.parametrize(

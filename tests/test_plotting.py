@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from tablesetting.plotting import plot_learning, plot_query
+from tablesetting.curves import Curve, CurveKey
+from tablesetting.plotting import plot_learning, plot_placement_study, plot_query
 
 ROWS = [
     {
@@ -61,12 +62,62 @@ def test_query_is_drawn_with_y_up_and_what_is_marked():
     assert written["plate"] == pytest.approx((0.2, 0.5 / 3))
 
 
+def curve(*means):
+    steps = np.arange(1.0, len(means) + 1)
+    return Curve(steps, np.array(means), np.full(len(means), 0.1), 4)
+
+
+def study_curves(scale):
+    """Return curves of two tasks and strategies; the spoon's errors are twice as large."""
+    return {
+        CurveKey(task, strategy, quantity): curve(3 * level, 2 * level)
+        for task, size in (("vase", 1.0), ("spoon", 2.0))
+        for strategy, gain in (("active-var", 1.0), ("random", 1.5))
+        for quantity, level in (
+            ("mean_placement_error", scale * size * gain * 0.1),
+            ("max_placement_error", scale * size * gain * 0.2),
+            ("var_bound", scale * size * gain * 0.4),
+        )
+    }
+
+
+def test_a_study_is_drawn_as_the_papers_figure_with_its_curves_behind():
+    published = study_curves(1.1)
+    del published[CurveKey("vase", "random", "mean_placement_error")]
+    figure = plot_placement_study(study_curves(1.0), published, "4 trials")
+    vase_means, spoon_means, vase_bounds, spoon_bounds = figure.axes
+    assert vase_means.get_title() == "place vase"
+    assert spoon_means.get_title() == "place spoon"
+    labels = set(vase_means.get_legend_handles_labels()[1])
+    assert labels == {"active-var", "active-var (paper)", "random"}
+    labels = set(spoon_bounds.get_legend_handles_labels()[1])
+    for name in ("0.95-VaR bound", "largest error", "mean error"):
+        assert {f"active-var, {name}", f"active-var, {name} (paper)"} <= labels
+    behind = drawn_lines(vase_bounds)["active-var, 0.95-VaR bound (paper)"]
+    np.testing.assert_allclose(behind.get_ydata(), [1.32, 0.88])
+    ours = [container for container in spoon_means.containers]
+    np.testing.assert_allclose(ours[1].lines[0].get_ydata(), [0.9, 0.6])
+    for axes in figure.axes:
+        assert axes.get_ylim()[0] == 0.0
+        assert "table units" in axes.get_ylabel()
+    assert figure.get_suptitle() == "4 trials"
+
+
+def test_a_study_of_one_task_and_strategy_has_one_column():
+    key = CurveKey("vase", "random", "mean_placement_error")
+    figure = plot_placement_study({key: curve(0.3, 0.2)}, {}, "1 trial")
+    assert len(figure.axes) == 2
+    labels = figure.axes[1].get_legend_handles_labels()[1]
+    assert labels == ["random, mean error"]
+
+
 @pytest.mark.parametrize("suffix", [".png", ".svg"])
 def test_figures_can_be_saved_without_a_display(tmp_path, suffix):
     reward_map = np.zeros((4, 4))
     for figure in (
         plot_learning(ROWS, "vase"),
         plot_query(reward_map, {}, MARKED, "query 1"),
+        plot_placement_study(study_curves(1.0), study_curves(1.1), "4 trials"),
     ):
         figure.savefig(tmp_path / f"figure{suffix}")
         assert (tmp_path / f"figure{suffix}").stat().st_size > 1000

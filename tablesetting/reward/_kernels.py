@@ -5,7 +5,8 @@ compiles. All kernels share this one module, as a cached kernel does not notice 
 to one that it calls in another. The tests hold each against plain code.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numba import njit
@@ -13,7 +14,7 @@ from numba import njit
 from tablesetting.irl.arrays import Array
 
 # Sums in any order, which lets them run in SIMD lanes; the compiler fixes the order.
-_ANY_ORDER = {"reassoc", "contract", "nsz"}
+_ANY_ORDER = ("reassoc", "contract", "nsz")
 
 _LOG2_E = 1.4426950408889634
 _LN2_HIGH, _LN2_LOW = 0.693145751953125, 1.4286068203094172e-6  # 12 bits, and the rest.
@@ -27,8 +28,22 @@ _ROUNDING = 1e-15  # Of a reward.
 _MAX_STEP = 0.1  # [table units]
 _NUM_TABLE_CENTERS = 9
 
+FunctionT = TypeVar("FunctionT", bound=Callable[..., Any])
 
-@njit(cache=True, fastmath={"contract"})  # In another order, the rounding would cancel.
+
+def _compiled(*fastmath: str) -> Callable[[FunctionT], FunctionT]:
+    """Let numba compile a function, and keep the machine code where that can be."""
+
+    def compile_function(function: FunctionT) -> Any:
+        try:
+            return njit(cache=True, fastmath=set(fastmath))(function)
+        except RuntimeError:  # Neither this folder nor the user's own can be written.
+            return njit(fastmath=set(fastmath))(function)
+
+    return compile_function
+
+
+@_compiled("contract")  # In any order, the rounding would cancel.
 def exp_of_negative(x: float) -> float:
     """Evaluate exp(x) for x <= 0 to 1e-14; in loops, unlike math.exp, in SIMD lanes.
 
@@ -71,7 +86,7 @@ class ChoiceFeatures(NamedTuple):
     objects: Array
 
 
-@njit(cache=True, fastmath=_ANY_ORDER)
+@_compiled(*_ANY_ORDER)
 def _log_likelihood(
     weights: Array, features: ChoiceFeatures, on_table: Array, exponents: Array
 ) -> float:
@@ -103,7 +118,7 @@ def _log_likelihood(
     return total
 
 
-@njit(cache=True)
+@_compiled()
 def log_likelihoods(weights: Array, features: ChoiceFeatures) -> Array:
     """Evaluate the log likelihoods of weights, shape (C, F), as shape (C,)."""
     num_nodes = features.table.shape[1]
@@ -114,7 +129,7 @@ def log_likelihoods(weights: Array, features: ChoiceFeatures) -> Array:
     return values
 
 
-@njit(cache=True)
+@_compiled()
 def walk(
     start: Array,
     start_log_posts: Array,
@@ -155,7 +170,7 @@ def walk(
     return states, log_posts, log_ratios
 
 
-@njit(cache=True, fastmath=_ANY_ORDER)
+@_compiled(*_ANY_ORDER)
 def _derivatives(
     x: float, y: float, weights: Array, centers: Array, sharpness: Array
 ) -> tuple[float, float, float, float, float, float]:
@@ -176,7 +191,7 @@ def _derivatives(
     return reward, slope_x, slope_y, isotropic + bend_x, isotropic + bend_y, cross
 
 
-@njit(cache=True)
+@_compiled()
 def _newton_step(
     x: float,
     y: float,
@@ -206,7 +221,7 @@ def _newton_step(
     return step_x, step_y
 
 
-@njit(cache=True)
+@_compiled()
 def _climb(
     x: float,
     y: float,
@@ -246,7 +261,7 @@ def _climb(
     return x, y, here[0]
 
 
-@njit(cache=True)
+@_compiled()
 def climb(
     starts: Array, weights: Array, centers: Array, sharpness: Array, max_step: float
 ) -> tuple[Array, Array]:
@@ -259,7 +274,7 @@ def climb(
     return points, rewards
 
 
-@njit(cache=True, fastmath=_ANY_ORDER)
+@_compiled(*_ANY_ORDER)
 def _fill_grid(values: Array, on_table: Array, weights: Array, objects: Array) -> float:
     """Add up the rewards on the grid, shape (G,); return the highest."""
     values[:] = on_table
@@ -273,7 +288,7 @@ def _fill_grid(values: Array, on_table: Array, weights: Array, objects: Array) -
     return peak
 
 
-@njit(cache=True)
+@_compiled()
 def _grid_features(
     features: Array, centers: Array, sharpness: Array, ticks: Array
 ) -> None:
@@ -291,7 +306,7 @@ def _grid_features(
                 features[k, row * size + column] = across * along[column]
 
 
-@njit(cache=True)
+@_compiled()
 def _is_grid_maximum(values: Array, row: int, column: int, size: int) -> bool:
     """Tell whether no neighbour of a point of the grid is higher."""
     index = row * size + column
@@ -305,7 +320,7 @@ def _is_grid_maximum(values: Array, row: int, column: int, size: int) -> bool:
     return row == size - 1 or values[index + size] <= value
 
 
-@njit(cache=True)
+@_compiled()
 def best_on_square(
     weights: Array,
     centers: Array,
@@ -328,7 +343,7 @@ def best_on_square(
         Points, shape (L, N, 2), in table units.
     """
     num_layouts, num_samples, size = len(centers), len(weights), len(ticks)
-    best = np.empty((num_layouts, num_samples, 2))
+    best = np.full((num_layouts, num_samples, 2), np.nan)
     objects = np.empty((centers.shape[2] - _NUM_TABLE_CENTERS, size * size))
     values = np.empty(size * size)
     for layout in range(num_layouts):

@@ -5,7 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tablesetting.irl import arrays
 from tablesetting.irl.posterior import Posterior
+from tablesetting.irl.risk import value_at_risk
 from tablesetting.irl.sampler import McmcConfig, sample_uniform_weights
 from tablesetting.reward.layout import LayoutSpace
 from tablesetting.reward.problem import (
@@ -142,6 +144,18 @@ def test_loss_is_the_distance_between_the_placements_of_map_and_sample():
         for weights, loss in zip(posterior.weights, row, strict=True):
             other = problem.best_placements(weights[None], one)[0, 0]
             assert loss == pytest.approx(np.hypot(*(best - other)), abs=1e-8)
+
+
+def test_losses_are_the_same_in_blocks_of_any_size(monkeypatch):
+    problem = PlacementProblem(VASE, PAPER)
+    posterior = random_posterior(13)
+    layouts = list(problem.space.sample(7, rng=np.random.default_rng(0)))
+    whole = problem.policy_losses(layouts, posterior)
+    risks = value_at_risk(whole, 0.95)
+    for num_elements in (1, 45, 64):
+        monkeypatch.setattr(arrays, "_BLOCK_ELEMENTS", num_elements)
+        np.testing.assert_array_equal(problem.policy_losses(layouts, posterior), whole)
+        np.testing.assert_array_equal(value_at_risk(whole, 0.95), risks)
 
 
 def test_a_wish_may_be_under_an_object():
