@@ -13,8 +13,8 @@ from numba import njit
 
 from tablesetting.irl.arrays import Array
 
-# Sums in any order, which lets them run in SIMD lanes; the compiler fixes the order.
-_ANY_ORDER = ("reassoc", "contract", "nsz")
+# Sums and maxima in any order, which lets them run in SIMD lanes; the compiler fixes it.
+_ANY_ORDER = ("reassoc", "contract", "nsz", "nnan")
 
 _LOG2_E = 1.4426950408889634
 _LN2_HIGH, _LN2_LOW = 0.693145751953125, 1.4286068203094172e-6  # 12 bits, and the rest.
@@ -24,6 +24,7 @@ _LEAST = -708.0  # The exponential of less is denormal.
 
 _MAX_ITERATIONS = 60
 _STEP_TOL = 1e-11  # [table units]
+_LAST_STEP = 1e-6  # [table units]; the next would be of about its square.
 _ROUNDING = 1e-15  # Of a reward.
 _MAX_STEP = 0.1  # [table units]
 _NUM_TABLE_CENTERS = 9
@@ -245,13 +246,16 @@ def _climb(
         scale = min(1.0, max_step / length)
         next_x = min(max(x + scale * step_x, 0.0), 1.0)
         next_y = min(max(y + scale * step_y, 0.0), 1.0)
+        is_whole = next_x == x + step_x and next_y == y + step_y
         step_x, step_y = next_x - x, next_y - y
+        expected = step_x * (slope_x + 0.5 * bend_x * step_x + cross * step_y)
+        expected += step_y * (slope_y + 0.5 * bend_y * step_y)
+        if is_whole and length <= _LAST_STEP:
+            return next_x, next_y, reward + expected
         if max(abs(step_x), abs(step_y)) <= _STEP_TOL:
             break
         there = _derivatives(next_x, next_y, weights, centers, sharpness)
         gain = there[0] - reward
-        expected = step_x * (slope_x + 0.5 * bend_x * step_x + cross * step_y)
-        expected += step_y * (slope_y + 0.5 * bend_y * step_y)
         if gain < 0.25 * expected - _ROUNDING:
             damping = max(10.0 * damping, 1e-3)
         elif gain > 0.75 * expected - _ROUNDING:
@@ -275,17 +279,28 @@ def climb(
 
 
 @_compiled(*_ANY_ORDER)
-def _fill_grid(values: Array, on_table: Array, weights: Array, objects: Array) -> float:
-    """Add up the rewards on the grid, shape (G,); return the highest."""
+def _fill_grid(
+    values: Array, on_table: Array, weights: Array, objects: Array, peaks: Array
+) -> float:
+    """Add up the rewards on the grid, shape (G,), and note the highest of each row.
+
+    Returns:
+        The highest of all.
+    """
     values[:] = on_table
     for k in range(len(objects)):
         weight = weights[k]
         for g in range(len(values)):
             values[g] += weight * objects[k, g]
-    peak = values[0]
-    for g in range(len(values)):
-        peak = max(peak, values[g])
-    return peak
+    size = len(peaks)
+    highest = -np.inf
+    for row in range(size):
+        peak = values[row * size]
+        for g in range(row * size, (row + 1) * size):
+            peak = max(peak, values[g])
+        peaks[row] = peak
+        highest = max(highest, peak)
+    return highest
 
 
 @_compiled()
@@ -345,23 +360,26 @@ def best_on_square(
     num_layouts, num_samples, size = len(centers), len(weights), len(ticks)
     best = np.full((num_layouts, num_samples, 2), np.nan)
     objects = np.empty((centers.shape[2] - _NUM_TABLE_CENTERS, size * size))
-    values = np.empty(size * size)
+    values, peaks = np.empty(size * size), np.empty(size)
     for layout in range(num_layouts):
         _grid_features(objects, centers[layout], sharpness, ticks)
         for n in range(num_samples):
-            peak = _fill_grid(values, on_table[n], weights[n], objects)
+            peak = _fill_grid(values, on_table[n], weights[n], objects, peaks)
+            floor = peak - margins[n]
             highest = -np.inf
-            for g in range(size * size):
-                if values[g] < peak - margins[n]:
+            for row in range(size):
+                if peaks[row] < floor:
                     continue
-                row, column = g // size, g % size
-                if not _is_grid_maximum(values, row, column, size):
-                    continue
-                x, y = ticks[column], ticks[row]
-                x, y, reward = _climb(
-                    x, y, weights[n], centers[layout], sharpness, _MAX_STEP
-                )
-                if reward > highest:
-                    highest = reward
-                    best[layout, n, 0], best[layout, n, 1] = x, y
+                for column in range(size):
+                    if values[row * size + column] < floor:
+                        continue
+                    if not _is_grid_maximum(values, row, column, size):
+                        continue
+                    x, y = ticks[column], ticks[row]
+                    x, y, reward = _climb(
+                        x, y, weights[n], centers[layout], sharpness, _MAX_STEP
+                    )
+                    if reward > highest:
+                        highest = reward
+                        best[layout, n, 0], best[layout, n, 1] = x, y
     return best
