@@ -1,17 +1,20 @@
 """What the figures of learning are measured on."""
 
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
 
 from tablesetting.irl.arrays import Array
+from tablesetting.irl.posterior import Posterior
+from tablesetting.irl.risk import value_at_risk
 from tablesetting.reward.likelihood import Demonstration
 from tablesetting.reward.problem import PAPER, PlacementProblem
 from tablesetting.reward.tasks import SPOON, VASE, PlacementTask
 
 TASKS = (VASE, SPOON)
-NUM_CANDIDATES = 50
-NUM_REWARDS = 100
+NUM_CANDIDATES = PAPER.num_candidates
+NUM_REWARDS = PAPER.mcmc.num_steps // PAPER.mcmc.thin
 NUM_TEST_LAYOUTS = 200
 NUM_ROUNDS = 11  # The first demonstration and ten queries.
 
@@ -25,6 +28,16 @@ def demonstrations(problem: PlacementProblem, num_demos: int) -> list[Demonstrat
     # Of a stream of their own, so that no candidate or test layout is among them.
     layouts = problem.space.sample(num_demos, rng=np.random.default_rng(1))
     return [problem.demonstrate(layout) for layout in layouts]
+
+
+def weigh_queries(
+    problem: PlacementProblem, demos: Sequence[Demonstration], posterior: Posterior
+) -> Array:
+    """Draw the candidate queries and find the value at risk of each, shape (Q,)."""
+    risk = problem.config.risk
+    queries = problem.propose_queries(demos, rng=make_rng())
+    losses = problem.policy_losses(queries, posterior)
+    return value_at_risk(losses, risk.alpha, rank_offset=risk.rank_offset)
 
 
 @cache

@@ -11,12 +11,11 @@ Work = Callable[[], object]
 MIN_REPEATS = 3
 _MAX_REPEATS = 10
 _ENOUGH_SECONDS = 0.5
-_PLAIN_REPEATS = 2
 
 
 @dataclass(frozen=True)
 class Plain:
-    """The same work by a plain loop, done in part.
+    """The same work in plain numpy, done whole or in part.
 
     Attributes:
         work: Does the part.
@@ -28,8 +27,7 @@ class Plain:
 
     def seconds(self) -> float:
         """Measure the part and scale it to the whole."""
-        best = min(cpu_seconds(self.work) for _ in range(_PLAIN_REPEATS))
-        return best / self.share
+        return min(_repeat(self.work)) / self.share
 
 
 @dataclass(frozen=True)
@@ -42,8 +40,8 @@ class Timing:
         seconds_median: Their median.
         num_repeats: How many there were.
         peak_mib: Most memory that it held at once; None if not looked at.
-        plain_seconds: What a plain loop needs for the whole; None if there is none.
-        plain_share: The fraction of the whole that the plain loop was measured on.
+        plain_seconds: What plain numpy needs for the whole; None if not compared.
+        plain_share: The fraction of the whole that plain numpy was measured on.
     """
 
     name: str
@@ -56,7 +54,7 @@ class Timing:
 
     @property
     def ratio(self) -> float | None:
-        """How many times longer the plain loop takes."""
+        """How many times longer plain numpy takes."""
         return self.plain_seconds and self.plain_seconds / self.seconds_min
 
 
@@ -88,22 +86,17 @@ def cpu_seconds(work: Work) -> float:
 def measure(
     name: str, work: Work, *, plain: Plain | None = None, traces_memory: bool = False
 ) -> Timing:
-    """Time a piece of work, and the plain loop beside it.
+    """Time a piece of work, and plain numpy beside it.
 
     Args:
         name: What is measured.
         work: Does the same each time.
-        plain: The plain loop, if there is one.
+        plain: The same in plain numpy, if compared.
         traces_memory: Whether one more run, not timed, looks at the memory.
     """
-    seconds: list[float] = []
-    while len(seconds) < MIN_REPEATS or (
-        len(seconds) < _MAX_REPEATS and sum(seconds) < _ENOUGH_SECONDS
-    ):
-        seconds.append(cpu_seconds(work))
     return summarize(
         name,
-        seconds,
+        _repeat(work),
         peak_mib=_peak_mib(work) if traces_memory else None,
         plain=plain,
     )
@@ -116,7 +109,7 @@ def summarize(
     peak_mib: float | None = None,
     plain: Plain | None = None,
 ) -> Timing:
-    """Put the times of all repeats together, and take that of the plain loop."""
+    """Put the times of all repeats together, and take that of plain numpy."""
     return Timing(
         name,
         seconds_min=min(seconds),
@@ -126,6 +119,17 @@ def summarize(
         plain_seconds=plain.seconds() if plain else None,
         plain_share=plain.share if plain else None,
     )
+
+
+def _repeat(work: Work) -> list[float]:
+    """Measure the processor time of run after run."""
+    work()  # Not timed: it loads what is compiled, or compiles it.
+    seconds: list[float] = []
+    while len(seconds) < MIN_REPEATS or (
+        len(seconds) < _MAX_REPEATS and sum(seconds) < _ENOUGH_SECONDS
+    ):
+        seconds.append(cpu_seconds(work))
+    return seconds
 
 
 def _peak_mib(work: Work) -> float:

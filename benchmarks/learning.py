@@ -1,4 +1,4 @@
-"""Speed of inference and of a trial, beside the same work by the plain loops."""
+"""Speed of inference and of a trial, beside the same work in plain numpy."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -18,12 +18,12 @@ from tablesetting.reward.problem import DEFAULT, PAPER, PlacementProblem
 
 
 def inference() -> Iterator[Figure]:
-    """The posterior after 1 and 5 demonstrations, and what its samples are worth."""
+    """The posterior after 1, 5 and 10 demonstrations, and what its samples are worth."""
     for task in TASKS:
         for preset, config in (("paper", PAPER), ("default", DEFAULT)):
             problem = PlacementProblem(task, config)
-            demos = demonstrations(problem, 5)
-            for num_demos in (1, 5):
+            demos = demonstrations(problem, 10)
+            for num_demos in (1, 5, 10):
                 label = f"{task.name}, {preset}, {num_demos} demos"
                 yield from _time_inference(label, problem, demos[:num_demos])
 
@@ -49,7 +49,7 @@ def _time_inference(
     timing = measure(
         f"inference, {label}",
         lambda: posteriors.append(problem.infer(demos, None, rng=rng)),
-        plain=plain_inference(problem, demos, num_steps=100 // len(demos)),
+        plain=plain_inference(problem, demos),
         traces_memory=True,
     )
     yield timing

@@ -1,10 +1,18 @@
-"""Speed of finding the best placement, beside the same work by the plain loops."""
+"""Speed of finding the best placement, beside the same work in plain numpy."""
 
 from collections.abc import Callable, Iterator
 from functools import partial
 
 import numpy as np
-from cases import NUM_CANDIDATES, NUM_TEST_LAYOUTS, TASKS, make_rng, posterior_rewards
+from cases import (
+    NUM_CANDIDATES,
+    NUM_TEST_LAYOUTS,
+    TASKS,
+    demonstrations,
+    make_rng,
+    posterior_rewards,
+    weigh_queries,
+)
 from figure import Figure, Plain, Quantity, measure
 from plain_work import plain_free_placements, plain_placements
 
@@ -18,26 +26,27 @@ _MISS = 0.02  # Distance from the optimum that counts as a miss, in table units.
 
 
 def query() -> Iterator[Figure]:
-    """Wishes of 100 posterior rewards in 50 layouts."""
+    """Which of 50 layouts to ask about, for the 100 samples after one demonstration."""
     for task in TASKS:
-        problem, weights = PlacementProblem(task, PAPER), posterior_rewards(task)
-        layouts = problem.space.sample(NUM_CANDIDATES, rng=make_rng())
-        part = weights[::50]
+        problem = PlacementProblem(task, PAPER)
+        demos = demonstrations(problem, 1)
+        posterior = problem.infer(demos, None, rng=make_rng())
+        weights = np.vstack([posterior.map_weights, posterior.weights])
+        layouts = np.array(problem.propose_queries(demos, rng=make_rng()))
         yield measure(
-            f"query of 50 x 100 placements, {task.name}",
-            partial(best_placements, weights, layouts, problem.widths),
+            f"query of 50 layouts x 100 samples, {task.name}",
+            partial(weigh_queries, problem, demos, posterior),
             plain=Plain(
-                partial(plain_placements, part, layouts, problem.widths),
-                share=len(part) / len(weights),
+                partial(plain_placements, weights, layouts, problem.widths), share=1.0
             ),
             traces_memory=True,
         )
 
 
 def query_misses() -> Iterator[Figure]:
-    """How often the plain ascent ends elsewhere than at the wish."""
+    """How often the plain ascent ends elsewhere than at the optimum."""
     for task in TASKS:
-        problem, weights = PlacementProblem(task, PAPER), posterior_rewards(task)[::10]
+        problem, weights = PlacementProblem(task, PAPER), posterior_rewards(task)
         layouts = problem.space.sample(NUM_CANDIDATES, rng=make_rng())
         best = best_placements(weights, layouts, problem.widths)
         climbed = plain_placements(weights, layouts, problem.widths)
@@ -51,16 +60,15 @@ def free_placements() -> Iterator[Figure]:
         layouts = problem.space.sample(NUM_TEST_LAYOUTS, rng=make_rng())
         fast = partial(_free_placements, problem, weights)
         slow = partial(plain_free_placements, problem, weights)
-        part = layouts[:50]
         yield measure(
             f"200 free placements, {task.name}",
             partial(fast, layouts),
-            plain=Plain(partial(slow, part), share=len(part) / len(layouts)),
+            plain=Plain(partial(slow, layouts), share=1.0),
             traces_memory=True,
         )
-        best, scanned = fast(part)[:, None], slow(part)[:, None]
+        best, scanned = fast(layouts)[:, None], slow(layouts)[:, None]
         label = f"{task.name}, free"
-        yield _misses(label, problem, weights[None], part, best, scanned)
+        yield _misses(label, problem, weights[None], layouts, best, scanned)
 
 
 def validation() -> Iterator[Figure]:
@@ -69,13 +77,12 @@ def validation() -> Iterator[Figure]:
         problem, weights = PlacementProblem(task, PAPER), posterior_rewards(task)[-1]
         layouts = problem.space.sample(NUM_TEST_LAYOUTS, rng=make_rng())
         tests = ValidationSet.of_problem(problem, layouts)
-        part = layouts[:50]
         yield measure(
             f"200 test layouts, {task.name}",
             partial(tests.placement_errors, weights),
             plain=Plain(
-                partial(plain_placements, weights[None], part, problem.widths),
-                share=len(part) / len(layouts),
+                partial(plain_placements, weights[None], layouts, problem.widths),
+                share=1.0,
             ),
             traces_memory=True,
         )
@@ -106,11 +113,11 @@ def _misses(
     best: Array,
     plain: Array,
 ) -> Quantity:
-    """Compare placements of the plain loops with optima, both of shape (L, N, 2)."""
+    """Compare placements of plain numpy with optima, both of shape (L, N, 2)."""
     places = np.stack([best, plain])
     features = rbf_features(places, all_centers(layouts), problem.widths)
     best_rewards, rewards = (features * weights).sum(axis=-1)
-    assert (best_rewards - rewards).min() > -1e-9, f"{label}: a plain loop is better"
+    assert (best_rewards - rewards).min() > -1e-9, f"{label}: plain numpy is better"
     missed = np.linalg.norm(plain - best, axis=-1) > _MISS
     return Quantity(
         f"plain misses the optimum by > {_MISS}, {label}",

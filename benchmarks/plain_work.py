@@ -1,13 +1,13 @@
-"""The plain loops, put to the work that they are compared on."""
+"""Plain numpy, put to the work that it is compared on."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import plain
 from cases import (
     NUM_CANDIDATES,
-    NUM_REWARDS,
     NUM_ROUNDS,
     NUM_TEST_LAYOUTS,
     demonstrations,
@@ -17,20 +17,20 @@ from cases import (
 from figure import Plain
 
 from tablesetting.irl.arrays import Array
-from tablesetting.irl.sampler import sample_uniform_weights
-from tablesetting.reward.likelihood import BoltzmannLikelihood, Demonstration
+from tablesetting.irl.sampler import McmcConfig, run_chains, sample_uniform_weights
+from tablesetting.reward.likelihood import (
+    BoltzmannConfig,
+    BoltzmannLikelihood,
+    Demonstration,
+)
 from tablesetting.reward.problem import PlacementProblem
+
+_MAX_STEPS = 2500  # Of a chain: all of the paper's.
 
 
 def plain_placements(weights: Array, layouts: Array, widths: Array) -> Array:
-    """Do what `best_placements` does on the square, one by one."""
-    rng = make_rng()
-    best = np.empty((len(layouts), len(weights), 2))
-    for i, layout in enumerate(layouts):
-        for j, sample in enumerate(weights):
-            rbfs = plain.make_rbfs(sample, layout, widths)
-            best[i, j] = plain.best_placement(rbfs, rng=rng)
-    return best
+    """Do what `best_placements` does on the square."""
+    return plain.best_placements(weights, layouts, widths, rng=make_rng())
 
 
 def plain_free_placements(
@@ -39,55 +39,55 @@ def plain_free_placements(
     """Place for one reward, shape (D,), in every layout; return shape (L, 2)."""
     best = np.empty((len(layouts), 2))
     for i, layout in enumerate(layouts):
-        rbfs = plain.make_rbfs(weights, layout, problem.widths)
         space = problem.space.free_space(layout)
-        best[i] = plain.best_free_placement(rbfs, space)
+        best[i] = plain.best_free_placement(weights, layout, problem.widths, space)
     return best
 
 
-def plain_inference(
-    problem: PlacementProblem, demos: Sequence[Demonstration], num_steps: int
-) -> Plain:
-    """Prepare a few steps of a plain chain with the same likelihood.
+def plain_inference(problem: PlacementProblem, demos: Sequence[Demonstration]) -> Plain:
+    """Prepare the chains of a problem's inference."""
+    config = problem.config
+    return plain_chain(demos, problem.widths, config.boltzmann, config.mcmc)
 
-    The climb to the MAP and the adaptation of the proposal are left out.
+
+def plain_chain(
+    demos: Sequence[Demonstration],
+    widths: Array,
+    config: BoltzmannConfig,
+    mcmc: McmcConfig,
+) -> Plain:
+    """Prepare the steps of the chains, or the first of them, with the same likelihood.
+
+    The adaptation of the proposal, the climb to the MAP and the diagnostics are left out.
     """
-    config, mcmc = problem.config.boltzmann, problem.config.mcmc
-    nodes = [tuple(node) for node in config.nodes().tolist()]
-    log_post = partial(
-        plain.log_likelihood,
-        demos=demos,
-        nodes=nodes,
-        widths=problem.widths,
-        beta=config.beta,
-    )
-    start = sample_uniform_weights(1, len(problem.widths), rng=make_rng())
-    fast = BoltzmannLikelihood(demos, problem.widths, config)
-    np.testing.assert_allclose(log_post(start[0]), fast(start)[0], rtol=1e-9)
-    chain = partial(plain.run_chain, log_post, start[0], num_steps, mcmc.step_std)
+    log_likelihood = plain.LogLikelihood(demos, widths, config)
+    start = sample_uniform_weights(mcmc.num_chains, len(widths), rng=make_rng())
+    fast = BoltzmannLikelihood(demos, widths, config)
+    np.testing.assert_allclose(log_likelihood(start), fast(start), rtol=1e-9)
+    num_steps = min(mcmc.num_steps, _MAX_STEPS)
+    short = replace(mcmc, num_steps=num_steps, burn_in=0)
     return Plain(
-        lambda: chain(rng=make_rng()),
-        share=num_steps / (mcmc.num_chains * mcmc.num_steps),
+        lambda: run_chains(log_likelihood, start, short, rng=make_rng()),
+        share=num_steps / mcmc.num_steps,
     )
 
 
 def plain_trial(problem: PlacementProblem) -> Plain:
-    """Prepare the mean round of a trial in part: six demonstrations are the mean.
+    """Prepare one round of a trial, that with six demonstrations: the mean round.
 
     A round takes one chain, and placements for the MAP and 100 samples in 50 layouts and
-    for the MAP in 200 more; each part is done to the same share.
+    for the MAP in 200 more.
     """
-    share = 0.01
-    num_placements = (NUM_REWARDS + 1) * NUM_CANDIDATES + NUM_TEST_LAYOUTS
-    demos = demonstrations(problem, (NUM_ROUNDS + 1) // 2)
-    chain = plain_inference(
-        problem, demos, num_steps=round(share * problem.config.mcmc.num_steps)
-    )
-    layouts = problem.space.sample(round(share * num_placements), rng=make_rng())
-    weights = posterior_rewards(problem.task)[-1:]
+    chain = plain_inference(problem, demonstrations(problem, (NUM_ROUNDS + 1) // 2))
+    samples = posterior_rewards(problem.task)
+    weights = np.vstack([samples[-1:], samples])
+    candidates = problem.space.sample(NUM_CANDIDATES, rng=make_rng())
+    tests = problem.space.sample(NUM_TEST_LAYOUTS, rng=make_rng())
+    ascend = partial(plain_placements, widths=problem.widths)
 
     def work() -> None:
         chain.work()
-        plain_placements(weights, layouts, problem.widths)
+        ascend(weights, candidates)
+        ascend(weights[:1], tests)
 
-    return Plain(work, share=share / NUM_ROUNDS)
+    return Plain(work, share=1.0 / NUM_ROUNDS)

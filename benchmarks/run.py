@@ -1,7 +1,7 @@
 """Measure speed and memory: `python benchmarks/run.py`, or compare two measurements.
 
-Times are processor time on one core. Beside a figure of learning stands what the plain
-loops of `plain.py` need for the same work, measured in part and scaled.
+Times are processor time on one core. Beside a figure of learning stands what `plain.py`
+needs for the same work in numpy; where that is long, it is measured in part and scaled.
 """
 
 import argparse
@@ -21,6 +21,7 @@ os.environ.setdefault("MUJOCO_GL", "disable")
 import learning
 import physics
 import placements
+import scaling
 from figure import Figure, Quantity, Timing
 
 from tablesetting.errors import TableSettingError
@@ -80,8 +81,9 @@ def _run(out: Path) -> None:
 
 
 def _all_figures() -> Iterator[Figure]:
-    for work in (*placements.FIGURES, *learning.FIGURES, *physics.FIGURES):
-        yield from work()
+    for module in (placements, learning, scaling, physics):
+        for work in module.FIGURES:
+            yield from work()
 
 
 def _machine() -> dict[str, object]:

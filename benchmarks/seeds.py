@@ -7,6 +7,7 @@ import argparse
 import contextlib
 import io
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,7 @@ def _run(task: str, seed: int, folder: Path, options: list[str]) -> None:
         sys.exit(code)
 
 
-def _print_learning(rows: list[dict[str, str]]) -> None:
+def _print_learning(rows: Sequence[Mapping[str, str]]) -> None:
     print(f"{len(rows)} runs, after {rows[0]['num_demos']} demonstrations or fewer:")
     for column in ("mean_placement_error", "max_placement_error", "var_bound"):
         values = np.array(numbers(rows, column))
@@ -54,7 +55,7 @@ def _print_learning(rows: list[dict[str, str]]) -> None:
         print(f"  {column:<24}{values.mean():.4f} +- {error:.4f} (standard error)")
 
 
-def _print_executions(rows: list[dict[str, str]]) -> None:
+def _print_executions(rows: Sequence[Mapping[str, str]]) -> None:
     made = [row for row in rows if row["settled_x"]]
     good = [row for row in made if row["success"] == "True"]
     print(f"{len(rows)} placements commanded, {len(rows) - len(made)} refused")
