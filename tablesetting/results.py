@@ -11,6 +11,7 @@ import fnmatch
 import io
 import json
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
@@ -35,8 +36,6 @@ _RUN_FILES = (
     *("weights.json", "demonstrations.json", "posterior.npz"),
     *("figures", "figures/learning.png", "figures/query_*.png"),
     *("comparison.md", "figures/placement.png", "figures/placement.svg"),
-    *(".*-*.json", ".*-*.npz", ".*-*.csv", ".*-*.md"),  # Cut short by a kill.
-    *("figures/.*-*.png", "figures/.*-*.svg"),
 )
 
 _PACKAGES = ("mujoco", "dm-control", "mink", "rerun-sdk", "numpy", "numba")
@@ -94,7 +93,15 @@ class RunFolder:
                     f"another process is writing to '{self.path}'; wait for it or "
                     "choose another --out"
                 ) from error
+            except OSError:
+                pass  # This file system knows no locks.
             yield
+
+    def remove_leftovers(self) -> None:
+        """Remove what a kill left half written; nobody else may be writing."""
+        for found in self.path.rglob("*"):
+            if _is_leftover(found):
+                found.unlink()
 
     def write_json(self, name: str, content: Mapping[str, Any]) -> None:
         """Write a JSON file, atomically."""
@@ -219,8 +226,8 @@ def _reason(error: OSError) -> str:
 
 def _clear(path: Path, *, overwrite: bool) -> None:
     """Remove an earlier run, and nothing but a run."""
-    if path.is_dir() and not any(path.iterdir()):
-        path.rmdir()
+    if path.is_dir() and all(_is_leftover(found) for found in path.iterdir()):
+        shutil.rmtree(path)
         return
     if not overwrite:
         raise OutputError(
@@ -231,7 +238,16 @@ def _clear(path: Path, *, overwrite: bool) -> None:
         raise OutputError(
             f"'{path}' is not overwritten, because {foreign}; choose another --out"
         )
-    shutil.rmtree(path)
+    with RunFolder(path).locked():
+        shutil.rmtree(path)
+
+
+def _is_leftover(path: Path) -> bool:
+    """Tell whether a file of a run has its temporary name still, cut short by a kill."""
+    final = re.fullmatch(r"\.[0-9]+-(.+)", path.name)
+    return final is not None and any(
+        fnmatch.fnmatchcase(final[1], Path(known).name) for known in _RUN_FILES
+    )
 
 
 def _first_foreign(path: Path) -> str | None:
@@ -244,6 +260,7 @@ def _first_foreign(path: Path) -> str | None:
         return "it holds no run"
     for found in path.rglob("*"):
         name = found.relative_to(path).as_posix()
-        if not any(fnmatch.fnmatchcase(name, known) for known in _RUN_FILES):
+        is_known = any(fnmatch.fnmatchcase(name, known) for known in _RUN_FILES)
+        if not is_known and not _is_leftover(found):
             return f"it holds '{name}', which is not of a run"
     return None

@@ -49,6 +49,43 @@ def test_an_empty_folder_is_taken_as_it_is(tmp_path):
     assert names(RunFolder.create(tmp_path / "run")) == []
 
 
+def test_what_a_kill_left_half_written_is_in_nobodys_way(tmp_path):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / ".123-config.json").write_text("{")
+    assert names(RunFolder.create(tmp_path / "run")) == []
+
+
+@pytest.mark.parametrize("name", [".2026-notes", ".config.json", "1-config.json"])
+def test_a_file_of_somebody_else_is_not_taken_for_a_leftover(tmp_path, name):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / name).write_text("mine")
+    with pytest.raises(OutputError, match="exists already"):
+        RunFolder.create(tmp_path / "run")
+    RunFolder(tmp_path / "run").remove_leftovers()
+    assert names(RunFolder(tmp_path / "run")) == [name]
+
+
+def test_leftovers_are_removed_from_all_of_a_run(folder):
+    folder.write("figures/learning.png", lambda path: path.write_bytes(b"png"))
+    (folder.path / "figures" / ".9-learning.png").write_bytes(b"p")
+    (folder.path / ".9-rounds.csv").write_text("num")
+    folder.remove_leftovers()
+    assert names(folder) == ["figures"]
+    assert os.listdir(folder.path / "figures") == ["learning.png"]
+
+
+def test_a_locked_folder_is_locked_to_all_others(folder):
+    folder.write_json(CONFIG, {"format": CONFIG_FORMAT})
+    other = RunFolder(folder.path)
+    with folder.locked():
+        with pytest.raises(OutputError, match="another process is writing"):
+            other.locked().__enter__()
+        with pytest.raises(OutputError, match="another process is writing"):
+            RunFolder.create(folder.path, overwrite=True)
+    with other.locked():
+        pass
+
+
 def test_an_earlier_run_is_kept_unless_told(folder):
     folder.write_json(CONFIG, {"seed": 1})
     with pytest.raises(OutputError, match=r"run' exists already; choose another --out"):

@@ -109,6 +109,8 @@ class PlacementStudyConfig:
 
     def _check_merge(self) -> None:
         """Refuse options beside --merge, which would be of no effect."""
+        if self.out in self.merge:
+            raise ValueError(f"--out must be none of the parts; got {self.out}")
         plain = PlacementStudyConfig.__dataclass_fields__
         for name in plain.keys() - {"merge", "out", "overwrite"}:
             if getattr(self, name) != plain[name].default:

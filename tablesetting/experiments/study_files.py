@@ -1,32 +1,28 @@
 """The folder of a study: settings, a table that survives a kill, results at the end."""
 
 import contextlib
-import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from tablesetting.errors import InvalidFile
 from tablesetting.experiments.placement_study import Trial, all_trials, shard_trials
 from tablesetting.experiments.study_config import PlacementStudyConfig
-from tablesetting.irl.active import STRATEGIES
+from tablesetting.experiments.study_settings import (
+    describe,
+    first_difference,
+    read_settings,
+)
 from tablesetting.results import (
     CONFIG,
     CONFIG_FORMAT,
     ROUNDS,
     Row,
     RunFolder,
-    package_versions,
     read_json,
     read_rows,
 )
-from tablesetting.reward.problem import PRESETS
-from tablesetting.reward.tasks import TASKS
-
-_COMMAND = "study placement"
-# What may differ between the start of a study and its going on.
-_OF_ONE_CALL = ("jobs", "out", "resume", "overwrite", "merge")
 
 
 class StudyFolder:
@@ -60,14 +56,19 @@ class StudyFolder:
         is_there = config.resume and (path / CONFIG).exists()
         if is_there:
             found = read_json(path / CONFIG, CONFIG_FORMAT)
-            _refuse_others(found, _describe(config), path)
+            if difference := first_difference(found, describe(config)):
+                raise InvalidFile(
+                    f"'{path}' holds a study with {difference}; "
+                    "its rows are not mixed with others: choose another --out"
+                )
             folder = RunFolder(path)
         else:
             folder = RunFolder.create(path, overwrite=config.overwrite)
-            folder.write_json(CONFIG, _describe(config))
+            folder.write_json(CONFIG, describe(config))
         with folder.locked():
             study = cls(folder, config, _read_trials(config, path))
             if is_there:  # What a kill cut short goes.
+                folder.remove_leftovers()
                 study.write_rows()
             yield study
 
@@ -93,7 +94,7 @@ class StudyFolder:
                 "--resume where they were cut short, and name them all"
             )
         folder = RunFolder.create(path, overwrite=config.overwrite)
-        folder.write_json(CONFIG, _describe(merged))
+        folder.write_json(CONFIG, describe(merged))
         with folder.locked():
             yield cls(folder, merged, rows)
 
@@ -116,40 +117,6 @@ class StudyFolder:
         """Write the table anew, its trials in order."""
         trials = [trial for trial in all_trials(self.config) if trial in self.rows]
         self.folder.write_rows([row for trial in trials for row in self.rows[trial]])
-
-
-def _describe(config: PlacementStudyConfig) -> dict[str, Any]:
-    """Return the content of config.json, as it is read back."""
-    options = {
-        name: value
-        for name, value in asdict(config).items()
-        if name not in _OF_ONE_CALL
-    }
-    content = {
-        "format": CONFIG_FORMAT,
-        "command": _COMMAND,
-        "options": options,
-        "resolved": {"problem": asdict(PRESETS[config.preset])},
-        "versions": package_versions(),
-    }
-    return json.loads(json.dumps(content))
-
-
-def _refuse_others(
-    found: Mapping[str, Any], expected: Mapping[str, Any], path: Path
-) -> None:
-    """Refuse to mix the rows of two studies."""
-    for part in ("command", "options", "resolved", "versions"):
-        if found.get(part) == expected[part]:
-            continue
-        name, there, here = part, found.get(part), expected[part]
-        if isinstance(there, dict) and isinstance(here, dict):
-            name = next(key for key in here | there if here.get(key) != there.get(key))
-            there, here = there.get(name), here.get(name)
-        raise InvalidFile(
-            f"'{path}' holds a study with {name} = {there!r:.80}, not {here!r:.80}; "
-            "its rows are not mixed with others: choose another --out"
-        )
 
 
 def _read_trials(
@@ -186,18 +153,16 @@ def _read_shards(
     paths: Sequence[Path],
 ) -> tuple[PlacementStudyConfig, dict[Trial, Sequence[Mapping[str, Any]]]]:
     """Read shards of one study; return its settings and all rows."""
-    merged: PlacementStudyConfig | None = None
+    merged = replace(read_settings(paths[0])[0], shard=None)
     rows: dict[Trial, Sequence[Mapping[str, Any]]] = {}
     for path in paths:
-        content = read_json(path / CONFIG, CONFIG_FORMAT)
-        shard = _parse_config(content, path)
-        whole = replace(shard, shard=None)
-        merged = merged or whole
-        _refuse_others(
-            content | {"options": content["options"] | {"shard": None}},
-            _describe(merged),
-            path,
-        )
+        shard, content = read_settings(path)
+        content["options"]["shard"] = None
+        if difference := first_difference(content, describe(merged)):
+            raise InvalidFile(
+                f"'{path}' holds a study with {difference}, as '{paths[0]}' has it; "
+                "name the shards of one study"
+            )
         for trial, own in _read_trials(shard, path).items():
             if trial in rows:
                 raise InvalidFile(
@@ -205,28 +170,4 @@ def _read_shards(
                     "holds as well; name each shard once"
                 )
             rows[trial] = own
-    assert merged is not None  # The command line takes no empty list for --merge.
     return merged, rows
-
-
-def _parse_config(content: Mapping[str, Any], path: Path) -> PlacementStudyConfig:
-    """Turn the content of a shard's config.json back into settings."""
-    try:
-        options: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in content["options"].items()
-        }
-        config = PlacementStudyConfig(**options)
-        for names, known in (
-            (config.tasks, TASKS),
-            (config.strategies, STRATEGIES),
-            ((config.preset,), PRESETS),
-        ):
-            if unknown := set(names) - set(known):
-                raise ValueError(f"{unknown.pop()!r} is unknown")
-        return config
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InvalidFile(
-            f"'{path / CONFIG}' is not of a placement study: {error}; name the folders "
-            "that the shards were written to"
-        ) from error

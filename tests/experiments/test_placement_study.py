@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from tablesetting import cli
+from tablesetting.experiments import study as study_module
 from tablesetting.experiments.placement_study import (
     Trial,
     all_trials,
@@ -18,6 +19,7 @@ from tablesetting.experiments.placement_study import (
     shard_trials,
 )
 from tablesetting.experiments.study_config import PlacementStudyConfig
+from tablesetting.results import RunFolder
 
 SMALL = ("--num-trials", "3", "--num-queries", "2", "--num-layouts", "20")
 SMALL_CONFIG = PlacementStudyConfig(num_trials=3, num_queries=2, num_layouts=20)
@@ -187,6 +189,17 @@ def test_every_trial_is_in_one_shard(num_shards):
     assert max(map(len, shards)) - min(map(len, shards)) <= 1
 
 
+def test_a_kill_before_the_settings_were_written_leaves_nothing_in_the_way(tmp_path):
+    folder = tmp_path / "study"
+    folder.mkdir()
+    (folder / ".123-config.json").write_text("{")
+    quick = ("--num-trials", "1", "--num-queries", "0", "--num-layouts", "3")
+    assert study(folder, *quick, "--resume") == 0
+    (folder / ".45-rounds.csv").write_text("task,")
+    assert study(folder, *quick, "--resume") == 0
+    assert not list(folder.rglob(".*"))
+
+
 @pytest.mark.parametrize("cut", ["mid-trial", "mid-row", "mid-cell", "header", "none"])
 def test_a_table_that_was_cut_short_is_made_whole(whole, tmp_path, cut):
     folder = tmp_path / "study"
@@ -226,13 +239,12 @@ def test_a_study_is_resumed_with_its_own_settings_only(whole, tmp_path, capsys):
 
 
 def test_a_folder_is_written_by_one_process_at_a_time(whole, tmp_path, capsys):
-    from tablesetting.results import RunFolder
-
     folder = tmp_path / "study"
     shutil.copytree(whole, folder)
     with RunFolder(folder).locked():
         assert study(folder, *SMALL, "--resume") == 2
-    assert "another process is writing" in capsys.readouterr().err
+        assert study(folder, *SMALL, "--overwrite") == 2
+    assert capsys.readouterr().err.count("another process is writing") == 2
     assert study(folder, *SMALL, "--resume") == 0
 
 
@@ -300,8 +312,6 @@ def workers_of(pid):
 
 
 def test_an_interrupted_study_says_how_to_go_on(tmp_path, monkeypatch, capsys):
-    from tablesetting.experiments import study as study_module
-
     def interrupt(config, trial):
         if trial.index == 2:
             raise KeyboardInterrupt
