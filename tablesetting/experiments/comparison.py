@@ -80,7 +80,7 @@ def _curve_rows(key: CurveKey, curve: Curve, found: Sequence[Difference]) -> lis
 
 def _gain_row(strategy: str, first: str, gain: Curve) -> str:
     cells = (
-        f"{mean:.3f} ± {error:.3f}"
+        f"{mean:z.3f} ± {error:.3f}"
         for mean, error in zip(gain.means, gain.standard_errors, strict=True)
     )
     return _row(f"mean error of {strategy} less that of {first}, paired", cells)
