@@ -18,10 +18,13 @@ from plain_work import plain_free_placements, plain_placements
 
 from tablesetting.experiments.validation import ValidationSet
 from tablesetting.irl.arrays import Array
+from tablesetting.irl.sampler import sample_uniform_weights
 from tablesetting.reward.placement import best_placements
 from tablesetting.reward.problem import DEFAULT, PAPER, PlacementProblem
 from tablesetting.reward.rbf import all_centers, rbf_features
+from tablesetting.reward.square import best_on_square
 
+_NUM_BATCHES = 200  # Of 5000 placements.
 _MISS = 0.02  # Distance from the optimum that counts as a miss, in table units.
 
 
@@ -51,6 +54,27 @@ def query_misses() -> Iterator[Figure]:
         best = best_placements(weights, layouts, problem.widths)
         climbed = plain_placements(weights, layouts, problem.widths)
         yield _misses(task.name, problem, weights, layouts, best, climbed)
+
+
+def optimum_misses() -> Iterator[Figure]:
+    """For how many random rewards a finer grid shows a better placement."""
+    for task in TASKS:
+        problem, rng = PlacementProblem(task, PAPER), make_rng()
+        fine, misses, largest = np.linspace(0.0, 1.0, 60), 0, 0.0
+        for _ in range(_NUM_BATCHES):
+            weights = sample_uniform_weights(200, len(problem.widths), rng=rng)
+            layouts = problem.space.sample(25, rng=rng)
+            best = best_placements(weights, layouts, problem.widths)
+            better = best_on_square(weights, layouts, problem.widths, fine)
+            features = rbf_features(
+                np.stack([best, better]), all_centers(layouts), problem.widths
+            )
+            lost = np.diff((features * weights).sum(axis=-1), axis=0)
+            misses += np.sum(lost > 1e-10)
+            largest = max(largest, lost.max())
+        million = f"of a million random rewards, {task.name}"
+        yield Quantity(f"best placement missed {million}", float(misses), "")
+        yield Quantity(f"largest reward lost {million}", float(largest), "")
 
 
 def free_placements() -> Iterator[Figure]:
@@ -91,6 +115,7 @@ def validation() -> Iterator[Figure]:
 FIGURES: tuple[Callable[[], Iterator[Figure]], ...] = (
     query,
     query_misses,
+    optimum_misses,
     validation,
     free_placements,
 )

@@ -24,7 +24,8 @@ _LEAST = -708.0  # The exponential of less is denormal.
 
 _MAX_ITERATIONS = 60
 _STEP_TOL = 1e-11  # [table units]
-_LAST_STEP = 1e-6  # [table units]; the next would be of about its square.
+_LAST_STEP = 1e-6  # [table units]; the next would be of about its square, unless
+_LEAST_TRUSTED = 1e-6  # the Hessian is shifted by more.
 _ROUNDING = 1e-15  # Of a reward.
 _MAX_STEP = 0.1  # [table units]
 _NUM_TABLE_CENTERS = 9
@@ -250,13 +251,14 @@ def _climb(
         step_x, step_y = next_x - x, next_y - y
         expected = step_x * (slope_x + 0.5 * bend_x * step_x + cross * step_y)
         expected += step_y * (slope_y + 0.5 * bend_y * step_y)
-        if is_whole and length <= _LAST_STEP:
+        if is_whole and length <= _LAST_STEP and damping <= _LEAST_TRUSTED:
             return next_x, next_y, reward + expected
         if max(abs(step_x), abs(step_y)) <= _STEP_TOL:
             break
         there = _derivatives(next_x, next_y, weights, centers, sharpness)
         gain = there[0] - reward
-        if gain < 0.25 * expected - _ROUNDING:
+        # Cut off at an edge, a step may lead down, and the model foretell it.
+        if gain < 0.25 * expected - _ROUNDING or expected < -_ROUNDING:
             damping = max(10.0 * damping, 1e-3)
         elif gain > 0.75 * expected - _ROUNDING:
             damping = max(damping / 10.0, 1e-9)
@@ -276,6 +278,45 @@ def climb(
         x, y, reward = _climb(x, y, weights[s], centers[s], sharpness, max_step)
         points[s, 0], points[s, 1], rewards[s] = x, y, reward
     return points, rewards
+
+
+@_compiled()
+def _climb_seeing_inland(
+    x: float,
+    y: float,
+    weights: Array,
+    centers: Array,
+    sharpness: Array,
+    pitch: float,
+) -> tuple[float, float, float]:
+    """Climb from a point of the grid; from an edge, look for a higher optimum inland.
+
+    Where the reward falls from the edge inwards but bends up, it may have an optimum
+    between the edge and the next lines of the grid, on which it is lower than at the edge.
+    """
+    best = _climb(x, y, weights, centers, sharpness, _MAX_STEP)
+    x, y, _ = best
+    if 0.0 < x < 1.0 and 0.0 < y < 1.0:
+        return best
+    _, slope_x, slope_y, bend_x, bend_y, _ = _derivatives(
+        x, y, weights, centers, sharpness
+    )
+    for is_along_x in (True, False):
+        at, slope, bend = (x, slope_x, bend_x) if is_along_x else (y, slope_y, bend_y)
+        if 0.0 < at < 1.0 or bend <= 0.0:
+            continue
+        inwards = 1.0 if at == 0.0 else -1.0
+        # By the quadratic model, it is as high again at this distance.
+        distance = -2.0 * inwards * slope / bend
+        if not 0.0 <= distance < 2.0 * pitch:
+            continue
+        shift = inwards * max(distance, 0.5 * pitch)
+        start_x = x + shift if is_along_x else x
+        start_y = y if is_along_x else y + shift
+        inland = _climb(start_x, start_y, weights, centers, sharpness, _MAX_STEP)
+        if inland[2] > best[2]:
+            best = inland
+    return best
 
 
 @_compiled(*_ANY_ORDER)
@@ -376,8 +417,8 @@ def best_on_square(
                     if not _is_grid_maximum(values, row, column, size):
                         continue
                     x, y = ticks[column], ticks[row]
-                    x, y, reward = _climb(
-                        x, y, weights[n], centers[layout], sharpness, _MAX_STEP
+                    x, y, reward = _climb_seeing_inland(
+                        x, y, weights[n], centers[layout], sharpness, ticks[1]
                     )
                     if reward > highest:
                         highest = reward

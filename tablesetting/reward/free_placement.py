@@ -10,7 +10,7 @@ from tablesetting.irl.arrays import Array, Indices
 from tablesetting.reward.climb import climb
 from tablesetting.reward.free_space import FreeSpace
 from tablesetting.reward.rbf import rbf_features, reward_derivatives
-from tablesetting.reward.square import GRID, square_optima
+from tablesetting.reward.square import grid_points, square_optima
 
 _MAX_ITERATIONS = 60
 _STEP_TOL = 1e-11  # [table units]
@@ -102,7 +102,9 @@ def _best_free_samples(
 ) -> _Found:
     """Take the best free sample of grid and outlines, lest a tiny free spot is lost."""
     outlines = space.outlines
-    points = np.concatenate([GRID, outlines.points(outlines.owner, outlines.arcs)])
+    points = np.concatenate(
+        [grid_points(widths), outlines.points(outlines.owner, outlines.arcs)]
+    )
     points = points[space.contains(points)]
     values = rbf_features(points, centers, widths) @ weights.T
     if not len(points):

@@ -1,5 +1,6 @@
 """Optima of many rewards on the unit square: a grid, then Newton's method."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,10 +10,8 @@ from tablesetting.reward import _kernels
 from tablesetting.reward.climb import climb
 from tablesetting.reward.rbf import TABLE_CENTERS, all_centers, rbf_features
 
-_GRID_SIZE = 14  # Points along a side, the edges included.
-_TICKS = np.linspace(0.0, 1.0, _GRID_SIZE)
-GRID: Array = np.stack(np.meshgrid(_TICKS, _TICKS), axis=-1).reshape(-1, 2)
-"""The points that climbs start from, shape (G, 2), in table units."""
+_MIN_INTERVALS = 15  # Of the grid along a side, and
+_INTERVALS_PER_REACH = 8.2  # in the root of the least width.
 
 
 @dataclass(frozen=True)
@@ -30,28 +29,46 @@ class Optima:
     sample: Indices
 
 
-def best_on_square(weights: Array, layouts: Array, widths: Array) -> Array:
+def grid_ticks(widths: Array) -> Array:
+    """Return the grid's coordinates along a side, closer for narrower RBFs, (T,)."""
+    num_intervals = math.ceil(_INTERVALS_PER_REACH / math.sqrt(widths.min()))
+    return np.linspace(0.0, 1.0, max(num_intervals, _MIN_INTERVALS) + 1)
+
+
+def grid_points(widths: Array) -> Array:
+    """Return the points that climbs start from, shape (G, 2), in table units."""
+    ticks = grid_ticks(widths)
+    return np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
+
+
+def best_on_square(
+    weights: Array, layouts: Array, widths: Array, ticks: Array | None = None
+) -> Array:
     """Find the global optimum of every reward in every layout.
 
-    Climbs start from the maxima of the grid that are high enough for it.
+    Climbs start from the maxima of the grid that are high enough for it. Where two
+    optima are closer to each other than the lines of the grid, it may show one alone.
 
     Args:
         weights: Reward weights, shape (N, D).
         layouts: Object centers, shape (L, K, 2), in table units; D is K + 9.
         widths: Width of each RBF, shape (D,), in squared table units.
+        ticks: The grid's coordinates along a side; those of `grid_ticks` if None.
 
     Returns:
         Points, shape (L, N, 2), in table units.
     """
     num_objects = layouts.shape[1]
-    on_table = rbf_features(GRID, TABLE_CENTERS, widths[num_objects:])
+    ticks = grid_ticks(widths) if ticks is None else ticks
+    grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
+    on_table = rbf_features(grid, TABLE_CENTERS, widths[num_objects:])
     return _kernels.best_on_square(
         np.ascontiguousarray(weights),
         np.ascontiguousarray(all_centers(layouts).swapaxes(1, 2)),
         1.0 / widths,
-        _TICKS,
+        ticks,
         weights[:, num_objects:] @ on_table.T,
-        _near_best(weights, widths),
+        _near_best(weights, widths, ticks[1]),
     )
 
 
@@ -64,27 +81,29 @@ def square_optima(weights: Array, centers: Array, widths: Array) -> Optima:
         widths: Width of each RBF, shape (D,), in squared table units.
 
     Returns:
-        The optima, the global one of each reward among them.
+        The optima; the global one of each reward is among them but in rare cases.
     """
-    values = rbf_features(GRID, centers, widths) @ weights.T
+    grid = grid_points(widths)
+    values = rbf_features(grid, centers, widths) @ weights.T
     point, sample = np.nonzero(_is_grid_maximum(values))
     at_centers = np.broadcast_to(centers, (len(point), *centers.shape))
-    points, rewards = climb(GRID[point], weights[sample], at_centers, widths)
+    points, rewards = climb(grid[point], weights[sample], at_centers, widths)
     return Optima(points, rewards, sample)
 
 
-def _near_best(weights: Array, widths: Array) -> Array:
+def _near_best(weights: Array, widths: Array, pitch: float) -> Array:
     """Bound twice how far an optimum is above the nearest point of the grid, (N,).
 
     No second derivative of a reward exceeds 2 |w|_1 / width, and no point is further
     from the grid than half a diagonal of its cells.
     """
-    return np.abs(weights).sum(axis=1) * (_TICKS[1] ** 2 / widths.min())
+    return np.abs(weights).sum(axis=1) * (pitch**2 / widths.min())
 
 
 def _is_grid_maximum(values: Array) -> Booleans:
     """Tell which values on the grid, shape (G, N), no neighbour exceeds."""
-    grid = values.reshape(_GRID_SIZE, _GRID_SIZE, -1)
+    size = math.isqrt(len(values))
+    grid = values.reshape(size, size, -1)
     is_maximum = np.ones(grid.shape, dtype=bool)
     for axis in (0, 1):
         difference = np.diff(grid, axis=axis)

@@ -57,6 +57,22 @@ def test_nothing_leads_up_from_where_nearly_all_climbs_end():
     assert (np.linalg.eigvalsh(hessians[is_inside]) < 1e-3).all()
 
 
+def test_a_climb_goes_on_where_the_edge_cuts_its_step_off():
+    """The gradient points inwards there, and the Newton step outwards."""
+    rng = np.random.default_rng(0)
+    widths, centers = np.full(13, 0.3), all_centers(rng.random((200_000, 4, 2)))
+    weights = sample_uniform_weights(len(centers), 13, rng=rng)
+    starts = np.stack([np.zeros(len(centers)), rng.random(len(centers))], axis=1)
+    points, rewards = climb(starts, weights, centers, widths)
+    first, _, _ = reward_derivatives(starts, weights, centers, widths)
+    _, gradients, _ = reward_derivatives(points, weights, centers, widths)
+    has_stayed = np.abs(points - starts).max(axis=1) < 1e-9
+    leads_on = np.abs(gradients[:, 1]) > 1e-4
+    is_inside = (points[:, 1] > 0.0) & (points[:, 1] < 1.0)
+    assert not (has_stayed & leads_on & is_inside).any()
+    assert (rewards >= first - 1e-14).all()
+
+
 def test_climbs_do_not_influence_each_other():
     starts, weights, centers, widths = climbs(0)
     together, _ = climb(starts, weights, centers, widths)
