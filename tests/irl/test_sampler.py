@@ -6,7 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tablesetting.irl.sampler import McmcConfig, run_chains, sample_uniform_weights
+from tablesetting.irl.sampler import (
+    McmcConfig,
+    _ProposalScale,
+    run_chains,
+    sample_uniform_weights,
+)
 
 DIM = 13  # Weights of the vase task.
 FLAT = McmcConfig(num_chains=200, num_steps=6000, burn_in=3000)
@@ -198,6 +203,35 @@ def test_burn_in_adapts_the_acceptance_to_its_target(step_std):
     start = sample_uniform_weights(config.num_chains, DIM, rng=rng)
     chains = run_chains(lambda w: 40.0 * w[:, 0], start, config, rng=rng)
     assert chains.acceptance_rate == pytest.approx(0.234, abs=0.08)
+
+
+def test_proposals_take_the_shape_of_what_was_visited():
+    rng = np.random.default_rng(0)
+    shape = np.array([[1.0, 0.0, 0.0], [0.9, 0.3, 0.0], [-0.5, 0.2, 0.1]])
+    visited = rng.standard_normal((20_000, 2, 3)) @ shape.T
+    scale = _ProposalScale(McmcConfig(num_chains=2), 2, 3)
+    scale._reshape(visited)
+    steps = scale.propose(50_000, rng=rng).steps
+    expected = 2.38**2 / 3 * shape @ shape.T
+    found = np.cov(steps.reshape(-1, 3), rowvar=False)
+    np.testing.assert_allclose(found, expected, atol=0.03)
+
+
+def test_acceptance_is_counted_after_the_burn_in_alone():
+    """All is as likely for the start and ten steps; then nothing new is likely at all."""
+    calls = iter([0.0] * 11 + [-np.inf] * 10)
+    config = McmcConfig(
+        num_chains=2,
+        num_steps=20,
+        burn_in=10,
+        target_acceptance=None,
+        is_prior_uniform=False,
+    )
+    rng = np.random.default_rng(0)
+    start = sample_uniform_weights(2, 3, rng=rng)
+    chains = run_chains(lambda w: np.full(len(w), next(calls)), start, config, rng=rng)
+    assert chains.acceptance_rate == 0.0
+    assert not np.array_equal(chains.weights[:, 0], start)
 
 
 def test_longer_steps_are_accepted_less_often():
