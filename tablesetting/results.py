@@ -174,7 +174,9 @@ def read_rows(path: Path) -> list[Row]:
         with path.open(newline="", encoding="utf-8") as file:
             return list(csv.DictReader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InvalidFile(f"cannot read '{path}': {error}") from error
+        raise InvalidFile(
+            f"cannot read '{path}': {error}; mend it or remove it"
+        ) from error
 
 
 def read_json(path: Path, expected_format: str) -> dict[str, Any]:

@@ -50,6 +50,7 @@ def complaint(capsys, *argv):
         ([*STUDY, "--tasks", "vase", "vase"], ["--tasks", "vase vase"]),
         ([*STUDY, "--strategies", "best"], ["'best'", "active-var", "random"]),
         ([*STUDY, "--num-trials", "0"], ["--num-trials", "at least 1", "got 0"]),
+        ([*STUDY, "--num-trials", "9" * 20], ["--num-trials", "at most 1000000"]),
         ([*STUDY, "--num-queries", "-1"], ["--num-queries", "at least 0", "-1"]),
         ([*STUDY, "--num-trials", "many"], ["--num-trials", "'many'"]),
         ([*STUDY, "--jobs", "0"], ["--jobs", "at least 1", "got 0"]),

@@ -16,6 +16,8 @@ from tablesetting.experiments.config import (
     refuse_below,
 )
 
+_MAX_TRIALS = 1_000_000
+
 
 @dataclass(frozen=True)
 class PlacementStudyConfig:
@@ -82,6 +84,10 @@ class PlacementStudyConfig:
             jobs=1,
             seed=0,
         )
+        if self.num_trials > _MAX_TRIALS:
+            raise ValueError(
+                f"--num-trials must be at most {_MAX_TRIALS}; got {self.num_trials}"
+            )
         for name in ("tasks", "strategies"):
             values = getattr(self, name)
             if not values or len(set(values)) < len(values):

@@ -1,6 +1,7 @@
 """The folder of a study: settings, a table that survives a kill, results at the end."""
 
 import contextlib
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -146,7 +147,20 @@ def _is_complete(rows: Sequence[Row], config: PlacementStudyConfig) -> bool:
         for strategy in config.strategies
         for num_demos in range(1, config.num_queries + 2)
     ]
-    return [(row.get("strategy"), row.get("num_demos")) for row in rows] == expected
+    found = [(row.get("strategy"), row.get("num_demos")) for row in rows]
+    return found == expected and all(_is_numeric(row) for row in rows)
+
+
+def _is_numeric(row: Row) -> bool:
+    """Tell whether every cell but the names is a number."""
+    try:
+        return all(
+            not math.isnan(float(cell))
+            for column, cell in row.items()
+            if column not in ("task", "strategy")
+        )
+    except (TypeError, ValueError):  # Cells are missing, or there are too many.
+        return False
 
 
 def _read_shards(

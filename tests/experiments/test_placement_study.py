@@ -232,7 +232,9 @@ def test_a_kill_before_the_settings_were_written_leaves_nothing_in_the_way(tmp_p
     assert not list(folder.rglob(".*"))
 
 
-@pytest.mark.parametrize("cut", ["mid-trial", "mid-row", "mid-cell", "header", "none"])
+@pytest.mark.parametrize(
+    "cut", ["mid-trial", "mid-row", "mid-cell", "header", "none", "no number"]
+)
 def test_a_table_that_was_cut_short_is_made_whole(whole, tmp_path, cut):
     folder = tmp_path / "study"
     shutil.copytree(whole, folder)
@@ -245,6 +247,7 @@ def test_a_table_that_was_cut_short_is_made_whole(whole, tmp_path, cut):
             "mid-cell": "".join(lines[:12]) + lines[12][:-3],
             "header": lines[0][:10],
             "none": "",
+            "no number": "".join(lines).replace("vase,active-var,1,2,", "&x", 1),
         }[cut]
     )
     assert study(folder, *SMALL, "--resume") == 0
