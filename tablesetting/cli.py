@@ -20,6 +20,7 @@ from tablesetting.errors import (
     InvalidLayout,
     OutputError,
     TableSettingError,
+    is_interruption,
 )
 from tablesetting.experiments.config import DoctorConfig, InspectConfig, RunConfig
 from tablesetting.experiments.study_config import PlacementStudyConfig, StudyConfig
@@ -51,8 +52,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         InspectConfig: _inspect,
         DoctorConfig: _doctor,
     }
-    config = _parse(argv)
     try:
+        config = _parse(argv)
         return commands[type(config)](config)
     except (InvalidFile, InvalidLayout, OutputError) as error:
         print(f"error: {error}", file=sys.stderr)
@@ -97,6 +98,7 @@ def _parse(argv: Sequence[str] | None) -> object:
                 config=(tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff),
             )
     except SystemExit as stop:
+        sys.stdout.flush()  # Or nobody could tell here that nobody reads.
         if stop.code:
             print(f"error: {_unbox(complaint.getvalue())}", file=sys.stderr)
         raise
@@ -161,7 +163,8 @@ def _study_placement(config: PlacementStudyConfig) -> int:
     from tablesetting.experiments.study_results import COMPARISON, FIGURE
 
     out = config.out or _new_folder(Path("runs", "study"), "placement")
-    open_study = StudyFolder.merge if config.merge else StudyFolder.open
+    is_merge = config.merge is not None
+    open_study = StudyFolder.merge if is_merge else StudyFolder.open
     with open_study(config, out) as study:
         num_before, num_trials = len(study.rows), study.num_trials
         try:
@@ -180,10 +183,17 @@ def _study_placement(config: PlacementStudyConfig) -> int:
                     if bar.disable and _is_tenth(num_done, num_trials):
                         print(f"{num_done} of {num_trials} trials", flush=True)
             lines = finish_study(study)
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, SystemError) as error:
+            if not is_interruption(error):
+                raise
+            advice = (
+                "merge again, with --overwrite"
+                if is_merge
+                else f"go on with the same options and --resume {shlex.join(['--out', str(out)])}"
+            )
             print(
-                f"interrupted; {len(study.rows)} of {num_trials} trials are in {out}; "
-                f"go on with the same options and --resume --out {out}",
+                f"interrupted; {len(study.rows)} of {num_trials} trials are in "
+                f"{shlex.quote(str(out))}; {advice}",
                 file=sys.stderr,
             )
             return INTERRUPTED

@@ -19,3 +19,10 @@ class OutputError(TableSettingError):
 
 class WorkerDied(TableSettingError):
     """A process was killed or crashed at every try of the same piece of work."""
+
+
+def is_interruption(error: BaseException | None) -> bool:
+    """Tell whether Ctrl-C is behind an error: compiled code turns it into others."""
+    if error is None or isinstance(error, KeyboardInterrupt):
+        return error is not None
+    return is_interruption(error.__cause__ or error.__context__)

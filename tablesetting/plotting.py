@@ -111,7 +111,7 @@ def plot_placement_study(ours: Curves, published: Curves, title: str) -> Figure:
     """
     tasks = list(dict.fromkeys(key.task for key in ours))
     strategies = list(dict.fromkeys(key.strategy for key in ours))
-    figure = Figure(figsize=(1.0 + 4.6 * len(tasks), 7.2), layout="constrained")
+    figure = Figure(figsize=(2.8 + 4.2 * len(tasks), 7.2), layout="constrained")
     panels = figure.subplots(2, len(tasks), sharex=True, squeeze=False)
     for column, task in enumerate(tasks):
         upper, lower = panels[:, column]
@@ -132,8 +132,10 @@ def plot_placement_study(ours: Curves, published: Curves, title: str) -> Figure:
             axes.margins(x=0.03)
             axes.xaxis.set_major_locator(MaxNLocator(integer=True))
             axes.grid(alpha=0.3)
-    for axes in panels[:, 0]:  # The colours are the same in every column.
-        axes.legend(frameon=False, fontsize=8)
+    for axes in panels[:, -1]:  # The colours are the same in every column.
+        axes.legend(
+            frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5)
+        )
     figure.suptitle(title, fontsize=10)
     return figure
 

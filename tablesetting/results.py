@@ -68,15 +68,45 @@ class RunFolder:
         Raises:
             OutputError: If something else is there, or it cannot be written.
         """
+        folder = cls.make(path)
+        with folder.locked():
+            folder.clear(overwrite=overwrite)
+        return folder
+
+    @classmethod
+    def make(cls, path: Path) -> "RunFolder":
+        """Make a folder, or take the one that is there as it is.
+
+        Raises:
+            OutputError: If it cannot be made, or a file is there.
+        """
         try:
-            if path.exists():
-                _clear(path, overwrite=overwrite)
-            path.mkdir(parents=True)
+            path.mkdir(parents=True, exist_ok=True)
+        except FileExistsError as error:
+            raise OutputError(
+                f"'{path}' exists already and is no folder; choose another --out"
+            ) from error
         except OSError as error:
             raise OutputError(
                 f"cannot write to '{path}': {_reason(error)}; choose another --out"
             ) from error
         return cls(path)
+
+    def clear(self, *, overwrite: bool) -> None:
+        """Empty the folder; what is lost by that has to be an earlier run.
+
+        Args:
+            overwrite: Whether an earlier run may be removed.
+
+        Raises:
+            OutputError: If there is one and it may not, or there is something else.
+        """
+        try:
+            _clear(self.path, overwrite=overwrite)
+        except OSError as error:
+            raise OutputError(
+                f"cannot write to '{self.path}': {_reason(error)}; choose another --out"
+            ) from error
 
     @contextlib.contextmanager
     def locked(self) -> Iterator[None]:
@@ -85,23 +115,28 @@ class RunFolder:
         Raises:
             OutputError: If another process has it locked.
         """
-        with (self.path / CONFIG).open("rb") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                raise OutputError(
-                    f"another process is writing to '{self.path}'; wait for it or "
-                    "choose another --out"
-                ) from error
-            except OSError:
-                pass  # This file system knows no locks.
+        directory = os.open(self.path, os.O_RDONLY)
+        try:
+            fcntl.flock(directory, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            os.close(directory)
+            raise OutputError(
+                f"another process is writing to '{self.path}'; wait for it or "
+                "choose another --out"
+            ) from error
+        except OSError:
+            pass  # This file system knows no locks.
+        try:
             yield
+        finally:
+            os.close(directory)
 
     def remove_leftovers(self) -> None:
         """Remove what a kill left half written; nobody else may be writing."""
         for found in self.path.rglob("*"):
             if _is_leftover(found):
-                found.unlink()
+                with contextlib.suppress(OSError):
+                    found.unlink()
 
     def write_json(self, name: str, content: Mapping[str, Any]) -> None:
         """Write a JSON file, atomically."""
@@ -228,20 +263,22 @@ def _reason(error: OSError) -> str:
 
 def _clear(path: Path, *, overwrite: bool) -> None:
     """Remove an earlier run, and nothing but a run."""
-    if path.is_dir() and all(_is_leftover(found) for found in path.iterdir()):
-        shutil.rmtree(path)
-        return
-    if not overwrite:
-        raise OutputError(
-            f"'{path}' exists already; choose another --out or pass --overwrite"
-        )
-    foreign = _first_foreign(path)
-    if foreign is not None:
-        raise OutputError(
-            f"'{path}' is not overwritten, because {foreign}; choose another --out"
-        )
-    with RunFolder(path).locked():
-        shutil.rmtree(path)
+    if not all(_is_leftover(found) for found in path.iterdir()):
+        if not overwrite:
+            raise OutputError(
+                f"'{path}' exists already; choose another --out or pass --overwrite"
+            )
+        foreign = _first_foreign(path)
+        if foreign is not None:
+            raise OutputError(
+                f"'{path}' is not overwritten, because {foreign}; choose another --out"
+            )
+    # The folder itself stays: it may be where a disk is mounted.
+    for found in path.iterdir():
+        if found.is_dir():
+            shutil.rmtree(found)
+        else:
+            found.unlink()
 
 
 def _is_leftover(path: Path) -> bool:

@@ -136,8 +136,8 @@ def test_what_is_not_a_run_is_never_overwritten(tmp_path, overwrite):
     (tmp_path / "thesis").mkdir()
     (tmp_path / "thesis" / "chapter.tex").write_text("years of work")
     (tmp_path / "file").write_text("more of it")
-    message = "because it holds no run" if overwrite else "exists already"
-    for name in ("thesis", "file"):
+    refusal = "because it holds no run" if overwrite else "exists already"
+    for name, message in (("thesis", refusal), ("file", "exists already")):
         with pytest.raises(OutputError, match=message):
             RunFolder.create(tmp_path / name, overwrite=overwrite)
     assert (tmp_path / "thesis" / "chapter.tex").read_text() == "years of work"

@@ -51,6 +51,17 @@ def shard_trials(config: PlacementStudyConfig) -> list[Trial]:
     return all_trials(config)[index::num_shards]
 
 
+def columns(config: PlacementStudyConfig) -> list[str]:
+    """List the columns of rounds.csv."""
+    test_bound = ("test_var_bound", "test_bound_held") if config.test_bound else ()
+    return [
+        *("task", "strategy", "trial", "num_demos"),
+        *("mean_placement_error", "max_placement_error", "var_bound"),
+        *("ess", "rhat", "acceptance_rate", "bound_held", *test_bound),
+        *("inference_seconds", "query_seconds"),
+    ]
+
+
 def run_trial(config: PlacementStudyConfig, trial: Trial) -> list[dict[str, object]]:
     """Let every strategy learn from the same start, tested in the same layouts.
 

@@ -16,7 +16,13 @@ from tablesetting.experiments.config import (
     refuse_below,
 )
 
-_MAX_TRIALS = 1_000_000
+_MOST = {
+    "num_trials": 1_000_000,
+    "num_queries": 10_000,
+    "num_candidates": 1_000_000,
+    "num_layouts": 1_000_000,
+    "jobs": 1_000,
+}  # More is a slip, and would fill the memory.
 
 
 @dataclass(frozen=True)
@@ -61,8 +67,8 @@ class PlacementStudyConfig:
     shard: Annotated[str | None, arg(metavar="I/N", help_behavior_hint="")] = None
     """Do the I-th of N parts, for N machines; put them together with --merge."""
     merge: Annotated[
-        tuple[Path, ...], arg(metavar="DIR [DIR ...]", help_behavior_hint="")
-    ] = ()
+        tuple[Path, ...] | None, arg(metavar="DIR [DIR ...]", help_behavior_hint="")
+    ] = None
     """Put the parts in these folders together, instead of any work; other options than
     --out and --overwrite are theirs."""
     out: Annotated[
@@ -84,10 +90,11 @@ class PlacementStudyConfig:
             jobs=1,
             seed=0,
         )
-        if self.num_trials > _MAX_TRIALS:
-            raise ValueError(
-                f"--num-trials must be at most {_MAX_TRIALS}; got {self.num_trials}"
-            )
+        for name, most in _MOST.items():
+            value = getattr(self, name)
+            if value is not None and value > most:
+                option = name.replace("_", "-")
+                raise ValueError(f"--{option} must be at most {most}; got {value}")
         for name in ("tasks", "strategies"):
             values = getattr(self, name)
             if not values or len(set(values)) < len(values):
@@ -97,8 +104,8 @@ class PlacementStudyConfig:
             raise ValueError("--resume goes with --out, and not with --overwrite")
         if self.shard is not None:
             self._check_shard(self.shard)
-        if self.merge:
-            self._check_merge()
+        if self.merge is not None:
+            self._check_merge(self.merge)
 
     def _check_shard(self, shard: str) -> None:
         match = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", shard)
@@ -113,9 +120,11 @@ class PlacementStudyConfig:
                 f"trials; got {shard}"
             )
 
-    def _check_merge(self) -> None:
+    def _check_merge(self, parts: tuple[Path, ...]) -> None:
         """Refuse options beside --merge, which would be of no effect."""
-        if self.out in self.merge:
+        if not parts:
+            raise ValueError("--merge must name the folders of the parts; got none")
+        if self.out and self.out.resolve() in [part.resolve() for part in parts]:
             raise ValueError(f"--out must be none of the parts; got {self.out}")
         plain = PlacementStudyConfig.__dataclass_fields__
         for name in plain.keys() - {"merge", "out", "overwrite"}:
@@ -133,6 +142,16 @@ class PlacementStudyConfig:
             return 0, 1
         index, num_shards = map(int, self.shard.split("/"))
         return index - 1, num_shards
+
+    @property
+    def is_as_published(self) -> bool:
+        """Whether only trials, queries and the choice of tasks may differ from the paper."""
+        return (
+            self.preset == "paper"
+            and self.candidates in (None, "one-moved")
+            and self.num_candidates == 50
+            and self.layouts in (None, "uniform")
+        )
 
     def run_config(self, task: TaskName, strategy: StrategyName) -> RunConfig:
         """Return the options of the run that a trial of one strategy is."""

@@ -8,7 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from tablesetting.errors import InvalidFile
-from tablesetting.experiments.placement_study import Trial, all_trials, shard_trials
+from tablesetting.experiments.placement_study import (
+    Trial,
+    all_trials,
+    columns,
+    shard_trials,
+)
 from tablesetting.experiments.study_config import PlacementStudyConfig
 from tablesetting.experiments.study_settings import (
     describe,
@@ -54,23 +59,22 @@ class StudyFolder:
             OutputError: If something else is there, or it cannot be written.
             InvalidFile: If the study there is of other settings or cannot be read.
         """
-        is_there = config.resume and (path / CONFIG).exists()
-        if is_there:
-            found = read_json(path / CONFIG, CONFIG_FORMAT)
-            if difference := first_difference(found, describe(config)):
-                raise InvalidFile(
-                    f"'{path}' holds a study with {difference}; "
-                    "its rows are not mixed with others: choose another --out"
-                )
-            folder = RunFolder(path)
-        else:
-            folder = RunFolder.create(path, overwrite=config.overwrite)
-            folder.write_json(CONFIG, describe(config))
+        folder = RunFolder.make(path)
         with folder.locked():
-            study = cls(folder, config, _read_trials(config, path))
-            if is_there:  # What a kill cut short goes.
-                folder.remove_leftovers()
+            if config.resume and (path / CONFIG).exists():
+                found = read_json(path / CONFIG, CONFIG_FORMAT)
+                if difference := first_difference(found, describe(config)):
+                    raise InvalidFile(
+                        f"'{path}' holds a study with {difference}; its rows are not "
+                        "mixed with others: choose another --out"
+                    )
+                study = cls(folder, config, _read_trials(config, path))
+                folder.remove_leftovers()  # What a kill cut short goes.
                 study.write_rows()
+            else:
+                folder.clear(overwrite=config.overwrite)
+                folder.write_json(CONFIG, describe(config))
+                study = cls(folder, config, {})
             yield study
 
     @classmethod
@@ -86,7 +90,7 @@ class StudyFolder:
             InvalidFile: If the shards are not all there, or not of one study.
             OutputError: If the folder is taken or cannot be written.
         """
-        merged, rows = _read_shards(config.merge)
+        merged, rows = _read_shards(config.merge or ())
         missing = [trial for trial in all_trials(merged) if trial not in rows]
         if missing:
             raise InvalidFile(
@@ -94,9 +98,10 @@ class StudyFolder:
                 f"{missing[0].task} {missing[0].index}; finish all shards, with "
                 "--resume where they were cut short, and name them all"
             )
-        folder = RunFolder.create(path, overwrite=config.overwrite)
-        folder.write_json(CONFIG, describe(merged))
+        folder = RunFolder.make(path)
         with folder.locked():
+            folder.clear(overwrite=config.overwrite)
+            folder.write_json(CONFIG, describe(merged))
             yield cls(folder, merged, rows)
 
     @property
@@ -128,7 +133,14 @@ def _read_trials(
     if not table.exists():
         return {}
     rows = read_rows(table)
-    if rows and not table.read_bytes().endswith(b"\n"):
+    text, header = table.read_text(encoding="utf-8"), ",".join(columns(config))
+    if text.splitlines()[:1] != [header]:
+        if header.startswith(text):  # Cut short by a kill.
+            return {}
+        raise InvalidFile(
+            f"'{table}' does not begin with the columns {header}; mend it or remove it"
+        )
+    if rows and not text.endswith("\n"):
         rows.pop()  # Cut short by a kill, maybe within its last cell.
     found: dict[tuple[str | None, str | None], list[Row]] = {}
     for row in rows:
@@ -152,15 +164,18 @@ def _is_complete(rows: Sequence[Row], config: PlacementStudyConfig) -> bool:
 
 
 def _is_numeric(row: Row) -> bool:
-    """Tell whether every cell but the names is a number."""
+    """Tell whether every cell but the names is a number; R-hat may be infinite."""
     try:
-        return all(
-            not math.isnan(float(cell))
+        values = {
+            column: float(cell)
             for column, cell in row.items()
             if column not in ("task", "strategy")
-        )
+        }
     except (TypeError, ValueError):  # Cells are missing, or there are too many.
         return False
+    return all(
+        math.isfinite(value) or column == "rhat" for column, value in values.items()
+    )
 
 
 def _read_shards(

@@ -46,7 +46,7 @@ def write_results(
     }
     title = _title(config)
     published = published_curves() if config.preset == "paper" else {}
-    found = list(differences(curves, published))
+    found = list(differences(curves, published)) if config.is_as_published else []
     text = compare(title, curves, found, gains)
     folder.write(COMPARISON, lambda path: _save_text(path, text))
     figure = plot_placement_study(curves, published, title)
@@ -63,8 +63,10 @@ def _title(config: PlacementStudyConfig) -> str:
         f"preset {config.preset}",
         f"seed {config.seed}",
     ]
-    if config.candidates:
-        settings.append(f"candidates {config.candidates}")
+    usual = PlacementStudyConfig()
+    for name in ("candidates", "num_candidates", "layouts", "num_layouts"):
+        if getattr(config, name) != getattr(usual, name):
+            settings.append(f"{name.replace('_', ' ')} {getattr(config, name)}")
     if config.shard:
         settings.append(f"shard {config.shard}")
     return ", ".join(settings)
@@ -117,11 +119,13 @@ def _tell(curves: Curves, found: Sequence[Difference]) -> list[str]:
     for (task, strategy, quantity), curve in curves.items():
         if quantity == "mean_placement_error":
             last = int(curve.num_demos[-1])
+            spread = (
+                f" +- {curve.standard_errors[-1]:.3f}" if curve.num_trials > 1 else ""
+            )
             lines.append(
                 f"{task}, {strategy}: mean error {curve.means[0]:.3f} after 1 "
-                f"demonstration, {curve.means[-1]:.3f} +- "
-                f"{curve.standard_errors[-1]:.3f} after {last} "
-                f"({curve.num_trials} trials)"
+                f"demonstration, {curve.means[-1]:.3f}{spread} after {last} "
+                f"({curve.num_trials} trial{'s' * (curve.num_trials > 1)})"
             )
     bars = [difference.bars for difference in found]
     if bars:

@@ -44,7 +44,11 @@ def first_difference(found: Mapping[str, Any], expected: Mapping[str, Any]) -> s
             continue
         if not isinstance(there, dict) or not isinstance(here, dict):
             return f"{part} = {there!r:.80}, not {here!r:.80}"
-        name = next(key for key in here | there if here.get(key) != there.get(key))
+        name = next(
+            key
+            for key in here | there
+            if (key in here, here.get(key)) != (key in there, there.get(key))
+        )
         return f"{name} = {there.get(name)!r:.80}, not {here.get(name)!r:.80}"
     return ""
 
@@ -62,6 +66,9 @@ def read_settings(folder: Path) -> tuple[PlacementStudyConfig, dict[str, Any]]:
             for name, value in content["options"].items()
         }
         config = PlacementStudyConfig(**options)
+        for name in ("num_trials", "num_queries", "seed"):
+            if type(options[name]) is not int:
+                raise ValueError(f"{name} must be a whole number")
         for names, known in (
             (config.tasks, TASKS),
             (config.strategies, STRATEGIES),

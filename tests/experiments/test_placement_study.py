@@ -15,6 +15,7 @@ from tablesetting.experiments import study as study_module
 from tablesetting.experiments.placement_study import (
     Trial,
     all_trials,
+    columns,
     run_trial,
     shard_trials,
 )
@@ -252,6 +253,83 @@ def test_a_table_that_was_cut_short_is_made_whole(whole, tmp_path, cut):
     )
     assert study(folder, *SMALL, "--resume") == 0
     assert rows_of(folder) == rows_of(whole)
+
+
+@pytest.mark.parametrize("damage", ["\ufeff", "a;b\n", "num_demos\n1\n"])
+def test_a_table_of_other_columns_is_refused_and_kept(whole, tmp_path, capsys, damage):
+    folder = tmp_path / "study"
+    shutil.copytree(whole, folder)
+    table = folder / "rounds.csv"
+    text = damage + table.read_text()
+    table.write_text(text)
+    assert study(folder, *SMALL, "--resume") == 2
+    assert "mend it or remove it" in capsys.readouterr().err
+    assert table.read_text() == text
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("num_trials", 2.5), ("tasks", ["cup"]), ("preset", "mine")]
+)
+def test_settings_that_make_no_sense_are_refused(whole, tmp_path, capsys, name, value):
+    folder = tmp_path / "study"
+    shutil.copytree(whole, folder)
+    config = json.loads((folder / "config.json").read_text())
+    config["options"][name] = value
+    (folder / "config.json").write_text(json.dumps(config))
+    merge = ["study", "placement", "--merge", str(folder), "--out", str(tmp_path / "m")]
+    assert cli.main(merge) == 2
+    assert "is not of a placement study" in capsys.readouterr().err
+    assert study(folder, *SMALL, "--resume") == 2
+    assert f"{name} = " in capsys.readouterr().err
+
+
+def test_a_setting_that_is_missing_is_a_difference(whole, tmp_path, capsys):
+    folder = tmp_path / "study"
+    shutil.copytree(whole, folder)
+    config = json.loads((folder / "config.json").read_text())
+    del config["options"]["layouts"]  # None, as if it were missing.
+    (folder / "config.json").write_text(json.dumps(config))
+    assert study(folder, *SMALL, "--resume") == 2
+    assert "layouts = None" in capsys.readouterr().err
+
+
+def test_of_two_that_start_in_one_folder_one_is_refused(tmp_path):
+    options = ["--num-trials", "2", "--num-queries", "0", "--num-layouts", "3"]
+    command = [sys.executable, "-m", "tablesetting", "study", "placement", *options]
+    folder = tmp_path / "study"
+    started = [
+        subprocess.Popen(
+            [*command, "--out", str(folder), "--jobs", "1", "--seed", seed],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        for seed in ("1", "2")
+    ]
+    codes = [process.wait() for process in started]
+    assert sorted(codes) == [0, 2]
+    seed = str(1 + codes.index(0))
+    assert study(tmp_path / "alone", *options, "--seed", seed) == 0
+    assert rows_of(folder) == rows_of(tmp_path / "alone")
+
+
+def test_ctrl_c_in_compiled_code_is_an_interruption(tmp_path, monkeypatch, capsys):
+    def interrupt(config, trial):
+        raise SystemError("returned a result with an exception set") from (
+            KeyboardInterrupt()
+        )
+
+    monkeypatch.setattr(study_module, "run_trial", interrupt)
+    assert study(tmp_path / "study", *SMALL) == 130
+    assert "0 of 6 trials" in capsys.readouterr().err
+
+
+def test_the_columns_are_those_of_the_rows():
+    for test_bound in (False, True):
+        config = PlacementStudyConfig(
+            num_trials=1, num_queries=0, num_layouts=3, test_bound=test_bound
+        )
+        row, _ = run_trial(config, Trial("vase", 0))
+        assert list(row) == columns(config)
 
 
 def test_finished_trials_are_not_done_again(whole, tmp_path):
