@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +23,17 @@ def describe(config: PlacementStudyConfig) -> dict[str, Any]:
     options = asdict(config)
     for name in _OF_ONE_CALL:
         del options[name]
+    preset = PRESETS[config.preset]
+    problem = replace(
+        preset,
+        candidates=config.candidates or preset.candidates,
+        num_candidates=config.num_candidates,
+    )
     content = {
         "format": CONFIG_FORMAT,
         "command": _COMMAND,
         "options": options,
-        "resolved": {"problem": asdict(PRESETS[config.preset])},
+        "resolved": {"problem": asdict(problem)},
         "versions": package_versions(),
     }
     return json.loads(json.dumps(content))

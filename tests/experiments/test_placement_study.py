@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,10 +20,13 @@ from tablesetting.experiments.placement_study import (
     run_trial,
     shard_trials,
 )
+from tablesetting.experiments.published import published_curves
 from tablesetting.experiments.setup import RunSetup
 from tablesetting.experiments.study_config import PlacementStudyConfig
 from tablesetting.irl.active import STRATEGIES, run_active
 from tablesetting.results import RunFolder
+from tablesetting.reward.layout import LayoutSpace
+from tablesetting.reward.tasks import VASE
 
 SMALL = ("--num-trials", "3", "--num-queries", "2", "--num-layouts", "20")
 SMALL_CONFIG = PlacementStudyConfig(num_trials=3, num_queries=2, num_layouts=20)
@@ -323,6 +327,48 @@ def test_ctrl_c_in_compiled_code_is_an_interruption(tmp_path, monkeypatch, capsy
     assert "0 of 6 trials" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    "option",
+    [
+        {"seed": 1},
+        {"preset": "default"},
+        {"candidates": "any"},
+        {"num_candidates": 7},
+        {"layouts": "valid"},
+        {"num_layouts": 21},
+    ],
+    ids=str,
+)
+def test_every_option_reaches_the_trial(option):
+    """Queries and tests of a trial are others with any other setting."""
+
+    def prepare(config):
+        trial = Trial("vase", 0)
+        run_config = config.run_config(trial.task, "random")
+        setup = RunSetup.of_config(run_config, trial.seeds(config.seed))
+        demo = setup.problem.demonstrate(setup.validation.layouts[0])
+        queries = setup.problem.propose_queries([demo], rng=setup.rng)
+        return np.concatenate([setup.validation.layouts, np.array(queries)])
+
+    usual = prepare(SMALL_CONFIG)
+    other = prepare(replace(SMALL_CONFIG, **option))
+    assert other.shape != usual.shape or not np.array_equal(other, usual)
+
+
+def test_tasks_and_trials_have_streams_of_their_own():
+    seeds = [trial.seeds(0) for trial in all_trials(SMALL_CONFIG)]
+    drawn = {np.random.default_rng(each).random() for each in seeds}
+    assert len(drawn) == len(seeds)
+
+
+def test_the_papers_test_layouts_are_uniform_points():
+    """Objects overlap in many of them, which valid layouts never do."""
+    config = PlacementStudyConfig().run_config("vase", "random")
+    layouts = RunSetup.of_config(config).validation.layouts
+    apart = LayoutSpace.of_task(VASE, are_points=False).are_apart(layouts)
+    assert apart.mean() < 0.5
+
+
 def test_the_columns_are_those_of_the_rows():
     for test_bound in (False, True):
         config = PlacementStudyConfig(
@@ -361,25 +407,29 @@ def test_a_folder_is_written_by_one_process_at_a_time(whole, tmp_path, capsys):
     assert study(folder, *SMALL, "--resume") == 0
 
 
+def num_lines(path):
+    return path.read_text().count("\n") if path.exists() else 0
+
+
 def test_a_study_that_is_killed_goes_on_to_the_same_rows(tmp_path):
-    """The command with SIGKILL, at moments that differ from run to run."""
+    """With SIGKILL, twice, as soon as another trial is on the disk."""
     options = ["--num-trials", "8", "--num-queries", "4", "--seed", "3"]
     assert study(tmp_path / "whole", *options) == 0
     folder = tmp_path / "study"
     command = [sys.executable, "-m", "tablesetting", "study", "placement"]
     command += ["--out", str(folder), "--resume", "--jobs", "2", *options]
-    num_kills = 0
-    for seconds in (0.4, 3.0, 3.5, 4.0):
+    table = folder / "rounds.csv"
+    num_before = 0
+    for _ in range(2):
         started = subprocess.Popen(
             command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
         )
-        try:
-            started.wait(timeout=seconds)
-        except subprocess.TimeoutExpired:
-            started.send_signal(signal.SIGKILL)
-            num_kills += 1
+        while started.poll() is None and num_lines(table) <= num_before + 1:
+            time.sleep(0.01)
+        started.send_signal(signal.SIGKILL)
         started.communicate()
-    assert num_kills > 0
+        assert num_before < num_lines(table) < 1 + 2 * 8 * 2 * 5
+        num_before = num_lines(table)
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert rows_of(folder) == rows_of(tmp_path / "whole")
@@ -445,6 +495,14 @@ def test_the_study_reproduces_the_published_figure(tmp_path):
     published = summary["published"]
     assert published["num_points"] == 86
     assert published["num_within_error_bars"] >= 0.9 * 86
+    for key, curve in published_curves().items():
+        if key.strategy == "active-var" and key.quantity == "mean_placement_error":
+            (found,) = [
+                np.array(each["mean"])
+                for each in summary["curves"]
+                if (each["task"], each["strategy"], each["quantity"]) == key
+            ]
+            assert (np.abs(found - curve.means) <= 1.5 * curve.half_stds).all()
     curves = {
         (curve["task"], curve["strategy"]): np.array(curve["mean"])
         for curve in summary["curves"]
