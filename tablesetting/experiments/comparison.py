@@ -35,7 +35,7 @@ def compare(
         "the trials."
     ]
     if found:
-        within = sum(difference.bars <= 1.0 for difference in found)
+        within = sum(difference.is_within_bar for difference in found)
         lines[0] += (
             " The distance from ours to the paper's mean is in the paper's error bars, "
             f"half a standard deviation long: {within} of {len(found)} points are within "

@@ -38,6 +38,11 @@ class Difference(NamedTuple):
     ours: float
     bars: float
 
+    @property
+    def is_within_bar(self) -> bool:
+        """Whether ours is within the published error bar."""
+        return self.bars <= 1.0
+
 
 def differences(ours: Curves, published: Curves) -> Iterator[Difference]:
     """Compare every published point that there is one of ours for."""

@@ -11,7 +11,7 @@ from tablesetting.experiments.validation import ValidationSet
 from tablesetting.irl.arrays import Array
 from tablesetting.reward.files import read_layouts
 from tablesetting.reward.layout import LayoutSpace
-from tablesetting.reward.problem import PRESETS, PlacementProblem
+from tablesetting.reward.problem import PRESETS, PlacementConfig, PlacementProblem
 from tablesetting.reward.tasks import TASKS
 
 
@@ -78,7 +78,7 @@ class RunSetup:
             np.random.default_rng(child)
             for child in (seeds or np.random.SeedSequence(config.seed)).spawn(3)
         )
-        problem = _make_problem(config)
+        problem = PlacementProblem(TASKS[config.task], problem_settings(config))
         executes = config.num_queries if defaults.executes else 0
         return cls(
             problem=problem,
@@ -90,14 +90,14 @@ class RunSetup:
         )
 
 
-def _make_problem(config: RunConfig) -> PlacementProblem:
+def problem_settings(config: RunConfig) -> PlacementConfig:
+    """Return how a run learns: its preset, with what the options change of it."""
     preset = PRESETS[config.preset]
-    settings = replace(
+    return replace(
         preset,
         candidates=config.candidates or preset.candidates,
         num_candidates=config.num_candidates,
     )
-    return PlacementProblem(TASKS[config.task], settings)
 
 
 def _first_layout(

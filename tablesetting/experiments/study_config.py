@@ -57,7 +57,7 @@ class PlacementStudyConfig:
     num_layouts: int = 200
     """Test layouts drawn in each trial."""
     test_bound: bool = False
-    """Give the bound over the test layouts as well; several times the work."""
+    """Give the bound over the test layouts as well; about twice the work."""
     jobs: Annotated[
         int | None, arg(help_behavior_hint="(default: one for each core)")
     ] = None

@@ -103,7 +103,7 @@ def _summarize(
         "curves": means,
         "published": {
             "num_points": len(bars),
-            "num_within_error_bars": sum(bar <= 1.0 for bar in bars),
+            "num_within_error_bars": sum(each.is_within_bar for each in found),
             "largest_distance_in_bars": round(max(bars, default=0.0), 3),
         },
         "seconds": {
@@ -127,11 +127,11 @@ def _tell(curves: Curves, found: Sequence[Difference]) -> list[str]:
                 f"demonstration, {curve.means[-1]:.3f}{spread} after {last} "
                 f"({curve.num_trials} trial{'s' * (curve.num_trials > 1)})"
             )
-    bars = [difference.bars for difference in found]
-    if bars:
-        within = sum(bar <= 1.0 for bar in bars)
+    if found:
+        within = sum(difference.is_within_bar for difference in found)
+        farthest = max(difference.bars for difference in found)
         lines.append(
-            f"{within} of {len(bars)} published points are within the published error "
-            f"bars; the farthest is {max(bars):.2f} bars off"
+            f"{within} of {len(found)} published points are within the published error "
+            f"bars; the farthest is {farthest:.2f} bars off"
         )
     return lines

@@ -2,11 +2,12 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from tablesetting.errors import InvalidFile
+from tablesetting.experiments.setup import problem_settings
 from tablesetting.experiments.study_config import PlacementStudyConfig
 from tablesetting.irl.active import STRATEGIES
 from tablesetting.results import CONFIG, CONFIG_FORMAT, package_versions, read_json
@@ -23,17 +24,13 @@ def describe(config: PlacementStudyConfig) -> dict[str, Any]:
     options = asdict(config)
     for name in _OF_ONE_CALL:
         del options[name]
-    preset = PRESETS[config.preset]
-    problem = replace(
-        preset,
-        candidates=config.candidates or preset.candidates,
-        num_candidates=config.num_candidates,
-    )
+    # All runs of a study learn in the same way.
+    run_config = config.run_config(config.tasks[0], config.strategies[0])
     content = {
         "format": CONFIG_FORMAT,
         "command": _COMMAND,
         "options": options,
-        "resolved": {"problem": asdict(problem)},
+        "resolved": {"problem": asdict(problem_settings(run_config))},
         "versions": package_versions(),
     }
     return json.loads(json.dumps(content))

@@ -1,4 +1,4 @@
-"""The best placement under a reward, exact.
+"""The best placement under a reward, exact but for a few in a million.
 
 The global optimum on the unit square comes first, for all rewards and layouts at once;
 where an object is in its way, the best free placement.
@@ -31,11 +31,10 @@ def best_placements(
         Placements, shape (L, N, 2), in table units; NaN where no point is free.
     """
     best = best_on_square(weights, layouts, widths)
-    centers = all_centers(layouts)
     for index, space in enumerate(free_spaces or []):
         blocked = np.flatnonzero(~space.contains(best[index]))
         if blocked.size:
             best[index, blocked] = best_free_placements(
-                weights[blocked], centers[index], widths, space
+                weights[blocked], all_centers(layouts[index]), widths, space
             )
     return best

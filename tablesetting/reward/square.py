@@ -37,7 +37,11 @@ def grid_ticks(widths: Array) -> Array:
 
 def grid_points(widths: Array) -> Array:
     """Return the points that climbs start from, shape (G, 2), in table units."""
-    ticks = grid_ticks(widths)
+    return _lattice(grid_ticks(widths))
+
+
+def _lattice(ticks: Array) -> Array:
+    """Pair coordinates with each other, rows from the first on, shape (T * T, 2)."""
     return np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
 
 
@@ -60,8 +64,7 @@ def best_on_square(
     """
     num_objects = layouts.shape[1]
     ticks = grid_ticks(widths) if ticks is None else ticks
-    grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
-    on_table = rbf_features(grid, TABLE_CENTERS, widths[num_objects:])
+    on_table = rbf_features(_lattice(ticks), TABLE_CENTERS, widths[num_objects:])
     return _kernels.best_on_square(
         np.ascontiguousarray(weights),
         np.ascontiguousarray(all_centers(layouts).swapaxes(1, 2)),
