@@ -8,13 +8,14 @@ import numpy as np
 from tablesetting.irl.arrays import Array
 from tablesetting.irl.posterior import Posterior
 from tablesetting.irl.risk import value_at_risk
+from tablesetting.reward.config import PAPER
 from tablesetting.reward.likelihood import Demonstration
-from tablesetting.reward.problem import PAPER, PlacementProblem
+from tablesetting.reward.problem import PlacementProblem
 from tablesetting.reward.tasks import SPOON, VASE, PlacementTask
 
 TASKS = (VASE, SPOON)
 NUM_CANDIDATES = PAPER.num_candidates
-NUM_REWARDS = PAPER.mcmc.num_steps // PAPER.mcmc.thin
+NUM_REWARDS = PAPER.mcmc.num_samples
 NUM_TEST_LAYOUTS = 200
 NUM_ROUNDS = 11  # The first demonstration and ten queries.
 
@@ -27,7 +28,7 @@ def make_rng() -> np.random.Generator:
 def demonstrations(problem: PlacementProblem, num_demos: int) -> list[Demonstration]:
     # Of a stream of their own, so that no candidate or test layout is among them.
     layouts = problem.space.sample(num_demos, rng=np.random.default_rng(1))
-    return [problem.demonstrate(layout) for layout in layouts]
+    return [problem.demonstrate(layout, rng=make_rng()) for layout in layouts]
 
 
 def weigh_queries(

@@ -11,7 +11,8 @@ from functools import partial
 from cases import demonstrations, make_rng, weigh_queries
 from figure import cpu_seconds
 
-from tablesetting.reward.problem import PAPER, PlacementProblem
+from tablesetting.reward.config import PAPER
+from tablesetting.reward.problem import PlacementProblem
 from tablesetting.reward.tasks import VASE
 
 _NUM_LAYOUTS = 5000
@@ -19,7 +20,7 @@ _NUM_SAMPLES = 10000
 
 
 def main() -> None:
-    mcmc = replace(PAPER.mcmc, num_steps=_NUM_SAMPLES * PAPER.mcmc.thin)
+    mcmc = replace(PAPER.mcmc, num_steps=25 * _NUM_SAMPLES, num_samples=_NUM_SAMPLES)
     config = replace(PAPER, mcmc=mcmc, num_candidates=_NUM_LAYOUTS)
     problem = PlacementProblem(VASE, config)
     demos = demonstrations(problem, 5)  # Also loads the kernel that is timed.

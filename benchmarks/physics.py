@@ -18,7 +18,8 @@ from tablesetting.irl.arrays import Array
 from tablesetting.planner.execute import Execution, execute, run_to_end
 from tablesetting.planner.pick_place import Plan, plan
 from tablesetting.recording import RunCard, RunRecorder
-from tablesetting.reward.problem import DEFAULT, PlacementProblem
+from tablesetting.reward.config import DEFAULT
+from tablesetting.reward.problem import PlacementProblem
 from tablesetting.reward.tasks import SPOON, VASE, PlacementTask
 from tablesetting.scene.scene import Scene
 

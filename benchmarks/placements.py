@@ -19,8 +19,9 @@ from plain_work import plain_free_placements, plain_placements
 from tablesetting.experiments.validation import ValidationSet
 from tablesetting.irl.arrays import Array
 from tablesetting.irl.sampler import sample_uniform_weights
+from tablesetting.reward.config import DEFAULT, PAPER
 from tablesetting.reward.placement import best_placements
-from tablesetting.reward.problem import DEFAULT, PAPER, PlacementProblem
+from tablesetting.reward.problem import PlacementProblem
 from tablesetting.reward.rbf import all_centers, rbf_features
 from tablesetting.reward.square import best_on_square
 

@@ -1,7 +1,7 @@
 """The method of the paper in plain numpy: what the package is measured against.
 
 Best placements by gradient ascent from random restarts, the posterior by a likelihood
-that numpy evaluates in every step of `irl.sampler.walk`. The paper's item may stand
+that numpy evaluates in every step of `irl.random_walk.walk`. The paper's item may stand
 anywhere; where it must fit, an ascent would end at the first object in its way, so that
 scans take its place.
 """
@@ -67,7 +67,9 @@ class LogLikelihood:
         centers = all_centers(np.stack([demo.layout for demo in demos]))
         placements = np.stack([demo.placement for demo in demos])
         shown = rbf_features(placements[:, None], centers, widths)[:, 0]
-        nodes = rbf_features(config.nodes(), centers, widths)
+        points, shares = config.nodes(widths.min())
+        nodes = rbf_features(points, centers, widths)
+        self._shares = shares
         self._num_demos = len(demos)
         self._shown = config.beta * shown.sum(axis=0)  # (D,)
         self._nodes = config.beta * nodes.reshape(-1, len(widths)).T  # (D, demos * G)
@@ -77,7 +79,7 @@ class LogLikelihood:
         exponents = weights @ self._nodes
         exponents = exponents.reshape(len(weights), self._num_demos, -1)
         peaks = exponents.max(axis=2)
-        masses = np.exp(exponents - peaks[..., None]).mean(axis=2)
+        masses = np.exp(exponents - peaks[..., None]) @ self._shares
         return weights @ self._shown - (peaks + np.log(masses)).sum(axis=1)
 
 

@@ -17,6 +17,7 @@ from cases import (
 from figure import Plain
 
 from tablesetting.irl.arrays import Array
+from tablesetting.irl.random_walk import RandomWalk
 from tablesetting.irl.sampler import McmcConfig, run_chains, sample_uniform_weights
 from tablesetting.reward.likelihood import (
     BoltzmannConfig,
@@ -61,13 +62,15 @@ def plain_chain(
     The adaptation of the proposal, the climb to the MAP and the diagnostics are left out.
     """
     log_likelihood = plain.LogLikelihood(demos, widths, config)
-    start = sample_uniform_weights(mcmc.num_chains, len(widths), rng=make_rng())
+    dim = len(widths)
+    start = sample_uniform_weights(mcmc.num_chains, dim, rng=make_rng())
     fast = BoltzmannLikelihood(demos, widths, config)
     np.testing.assert_allclose(log_likelihood(start), fast(start), rtol=1e-9)
     num_steps = min(mcmc.num_steps, _MAX_STEPS)
-    short = replace(mcmc, num_steps=num_steps, burn_in=0)
+    short = replace(mcmc, num_steps=num_steps, burn_in=0, target_ess=None)
+    mover = RandomWalk(log_likelihood, dim, short)
     return Plain(
-        lambda: run_chains(log_likelihood, start, short, rng=make_rng()),
+        lambda: run_chains(mover, short, start=start, rng=make_rng()),
         share=num_steps / mcmc.num_steps,
     )
 

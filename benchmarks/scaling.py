@@ -16,9 +16,9 @@ from plain_work import plain_chain, plain_placements
 from tablesetting.irl.arrays import Array
 from tablesetting.irl.posterior import Posterior, infer_posterior
 from tablesetting.irl.sampler import sample_uniform_weights
+from tablesetting.reward.config import PAPER
 from tablesetting.reward.likelihood import BoltzmannLikelihood, Demonstration
 from tablesetting.reward.placement import best_placements
-from tablesetting.reward.problem import PAPER
 from tablesetting.reward.rbf import RbfWidths
 
 _NUM_OBJECTS = (4, 8, 16, 32, 64)
@@ -115,7 +115,7 @@ def _infer(
     return infer_posterior(
         BoltzmannLikelihood(demos, widths, PAPER.boltzmann),
         len(widths),
-        replace(PAPER.mcmc, num_steps=PAPER.mcmc.thin * num_samples),
+        replace(PAPER.mcmc, num_steps=25 * num_samples, num_samples=num_samples),
         previous_map=None,
         rng=make_rng(),
     )

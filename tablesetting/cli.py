@@ -23,7 +23,13 @@ from tablesetting.errors import (
     is_interruption,
 )
 from tablesetting.experiments.config import DoctorConfig, InspectConfig, RunConfig
-from tablesetting.experiments.study_config import PlacementStudyConfig, StudyConfig
+from tablesetting.experiments.study_config import (
+    STUDIES,
+    CalibrationStudyConfig,
+    PlacementStudyConfig,
+    StudyConfig,
+    TrialsConfig,
+)
 
 # Nothing is rendered in this process, and without a display the default would warn.
 os.environ.setdefault("MUJOCO_GL", "disable")
@@ -48,7 +54,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     commands: dict[type, Callable[..., int]] = {
         RunConfig: _run,
-        PlacementStudyConfig: _study_placement,
+        PlacementStudyConfig: _study,
+        CalibrationStudyConfig: _study,
         InspectConfig: _inspect,
         DoctorConfig: _doctor,
     }
@@ -79,7 +86,7 @@ def _parse(argv: Sequence[str] | None) -> object:
     }
     if arguments[:1] == ["study"]:
         prog, description = "tablesetting study", StudyConfig.__doc__ or ""
-        configs, arguments = {"placement": PlacementStudyConfig}, arguments[1:]
+        configs, arguments = dict(STUDIES), arguments[1:]
     if arguments and not arguments[0].startswith("-") and arguments[0] not in configs:
         expected = ", ".join(configs)
         print(
@@ -110,7 +117,7 @@ def _unbox(text: str) -> str:
     lines = [line.strip("│| ") for line in plain.splitlines()[1:]]
     body = itertools.dropwhile(_is_rule, lines)
     message = itertools.takewhile(lambda line: not _is_rule(line), body)
-    return re.sub(r"^Error parsing \w+Config: ", "", " ".join(message))
+    return re.sub(r"^Error parsing (\w+Config|__\S+): ", "", " ".join(message))
 
 
 def _is_rule(line: str) -> bool:
@@ -125,12 +132,15 @@ def _run(config: RunConfig) -> int:
 
     from tablesetting.experiments.run import run
     from tablesetting.experiments.setup import RunSetup
+    from tablesetting.irl.netcdf import require_netcdf
     from tablesetting.results import RECORDING, RunFolder
 
     setup = RunSetup.of_config(config)
     out = config.out or _new_folder(Path("runs", "run"), config.task)
+    if config.netcdf:
+        require_netcdf(out / "posterior.nc")
     folder = RunFolder.create(out, overwrite=config.overwrite)
-    num_rounds = 0
+    num_rounds, doubts = 0, list[str]()
     try:
         _load_kernels()
         with (
@@ -139,6 +149,7 @@ def _run(config: RunConfig) -> int:
         ):
             for latest in rounds:
                 num_rounds += 1
+                doubts = latest.state.doubts if latest.stopped else []
                 bar.update()
                 bar.write(latest.describe())
     except KeyboardInterrupt:
@@ -148,21 +159,23 @@ def _run(config: RunConfig) -> int:
     except OutputError as error:  # The folder could be written when the run began.
         print(f"error: {error}", file=sys.stderr)
         return FAILED
+    print("not certified:" if doubts else "certified: see certificate.json")
+    for doubt in doubts:
+        print(f"  {doubt}")
     recording = out / RECORDING
     print(f"recording: {recording} ({recording.stat().st_size / 1e6:.1f} MB)")
     program = "tablesetting" if shutil.which("tablesetting") else sys.argv[0]
     print(f"open it with: {shlex.join([program, 'inspect', str(out)])}")
-    return 0
+    return FAILED if doubts and config.require_certificate else 0
 
 
-def _study_placement(config: PlacementStudyConfig) -> int:
+def _study(config: TrialsConfig) -> int:
     from tqdm import tqdm
 
     from tablesetting.experiments.study import finish_study, run_study
     from tablesetting.experiments.study_files import StudyFolder
-    from tablesetting.experiments.study_results import COMPARISON, FIGURE
 
-    out = config.out or _new_folder(Path("runs", "study"), "placement")
+    out = config.out or _new_folder(Path("runs", "study"), config.name)
     is_merge = config.merge is not None
     open_study = StudyFolder.merge if is_merge else StudyFolder.open
     with open_study(config, out) as study:
@@ -200,7 +213,7 @@ def _study_placement(config: PlacementStudyConfig) -> int:
         except OutputError as error:  # The folder could be written at the start.
             print(f"error: {error}", file=sys.stderr)
             return FAILED
-    print(*lines, f"table: {out / COMPARISON}", f"figure: {out / FIGURE}", sep="\n")
+    print(*lines, sep="\n")
     return 0
 
 

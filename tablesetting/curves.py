@@ -50,6 +50,48 @@ class Curve:
 
 Curves = Mapping[CurveKey, Curve]
 
+_NORMAL_95 = 1.959963984540054
+
+
+@dataclass(frozen=True)
+class Share:
+    """How many of independent cases something happened in.
+
+    Attributes:
+        count: In how many it did.
+        total: How many cases there were.
+    """
+
+    count: int
+    total: int
+
+    @classmethod
+    def of(cls, outcomes: Sequence[bool]) -> "Share":
+        """Count outcomes."""
+        return cls(sum(outcomes), len(outcomes))
+
+    @property
+    def value(self) -> float:
+        """The share; NaN of no cases."""
+        return self.count / self.total if self.total else float("nan")
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Where the chance of it is with 95 % confidence (Wilson 1927)."""
+        if not self.total:
+            return 0.0, 1.0
+        spread = _NORMAL_95**2 / self.total
+        center = (self.value + 0.5 * spread) / (1.0 + spread)
+        variance = self.value * (1.0 - self.value) / self.total
+        half = _NORMAL_95 * np.sqrt(variance + 0.25 * spread / self.total)
+        half /= 1.0 + spread
+        return max(float(center - half), 0.0), min(float(center + half), 1.0)
+
+    def __str__(self) -> str:
+        """Write it in percent, with the interval."""
+        low, high = self.interval
+        return f"{100 * self.value:.1f} ({100 * low:.0f}-{100 * high:.0f})"
+
 
 def average(rows: Iterable[Row], quantities: Iterable[str]) -> dict[CurveKey, Curve]:
     """Average columns of a table over its trials.
@@ -88,6 +130,75 @@ def paired_difference(
     num_demos, values = _by_step(_of_strategy(own, strategy), quantity)
     _, others = _by_step(_of_strategy(own, other), quantity)
     return _mean_curve(num_demos, values - others)
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How many demonstrations it takes to get a quantity down to a level.
+
+    Attributes:
+        strategy: Who asks.
+        level: The level.
+        mean: Mean number of demonstrations over the trials; those that never get there
+            count one more than they had.
+        standard_error: How exact the mean is.
+        ratio: Mean over the baseline's, both in the same trials; None without one.
+        ratio_error: Standard error of that, by the delta method.
+    """
+
+    strategy: str
+    level: float
+    mean: float
+    standard_error: float
+    ratio: float | None
+    ratio_error: float | None
+
+
+def reaches(
+    rows: Iterable[Row],
+    task: str,
+    level: float,
+    baseline: str = "random",
+    quantity: str = "mean_placement_error",
+) -> list[Reach]:
+    """Count for each strategy the demonstrations until a quantity is at a level."""
+    own = [row for row in rows if row["task"] == task]
+    needed = {
+        strategy: _first_at(*_by_step(_of_strategy(own, strategy), quantity), level)
+        for strategy in dict.fromkeys(row["strategy"] for row in own)
+    }
+    return [
+        _reach(strategy, level, counts, needed.get(baseline))
+        for strategy, counts in needed.items()
+    ]
+
+
+def _first_at(num_demos: Array, values: Array, level: float) -> Array:
+    """Return the first number of demonstrations at the level, shape (T,)."""
+    is_there = values <= level
+    first = np.where(is_there.any(axis=0), is_there.argmax(axis=0), len(num_demos))
+    return np.append(num_demos, num_demos[-1] + 1.0)[first]
+
+
+def _reach(strategy: str, level: float, counts: Array, others: Array | None) -> Reach:
+    num_trials = len(counts)
+    spread = float(counts.std(ddof=min(1, num_trials - 1)))
+    ratio = ratio_error = None
+    if others is not None:
+        ratio = float(counts.mean() / others.mean())
+        left = counts - ratio * others
+        ratio_error = float(
+            left.std(ddof=min(1, num_trials - 1))
+            / (np.sqrt(num_trials) * others.mean())
+        )
+    return Reach(
+        strategy=strategy,
+        level=level,
+        mean=float(counts.mean()),
+        standard_error=spread / float(np.sqrt(num_trials)),
+        ratio=ratio,
+        ratio_error=ratio_error,
+    )
 
 
 def _of_strategy(rows: Iterable[Row], strategy: str) -> list[Row]:

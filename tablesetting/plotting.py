@@ -140,6 +140,50 @@ def plot_placement_study(ours: Curves, published: Curves, title: str) -> Figure:
     return figure
 
 
+def plot_calibration(
+    points: Sequence[tuple[str, int, float, float, float]],
+    promised: float,
+    title: str,
+) -> Figure:
+    """Draw how often the bound held, for each kind of people.
+
+    Args:
+        points: Kind, number of demonstrations, share of the losses within the bound, and
+            an interval of it.
+        promised: The least share that was promised.
+        title: The settings.
+
+    Returns:
+        The figure, with a panel for each kind.
+    """
+    kinds = list(dict.fromkeys(kind for kind, *_ in points))
+    num_columns = min(len(kinds), 3)
+    num_rows = -(-len(kinds) // num_columns)
+    size = (3.4 * num_columns, 0.7 + 2.5 * num_rows)
+    figure = Figure(figsize=size, layout="constrained")
+    panels = figure.subplots(
+        num_rows, num_columns, sharex=True, sharey=True, squeeze=False
+    )
+    for axes in panels.flat[len(kinds) :]:
+        axes.set_axis_off()
+    bottom = min(0.5, 0.95 * min(min(share, low) for *_, share, low, _ in points))
+    for kind, axes in zip(kinds, panels.flat, strict=False):
+        own = np.array([point[1:] for point in points if point[0] == kind])
+        num_demos, share, low, high = own.T
+        axes.fill_between(num_demos, low, high, color=_STRATEGIES[0], alpha=0.2, lw=0.0)
+        axes.plot(num_demos, share, "o-", color=_STRATEGIES[0], ms=3.5, lw=1.2)
+        axes.axhline(promised, color="black", ls=":", lw=1.0)
+        axes.set(title=kind, ylim=(bottom, 1.01))
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.grid(alpha=0.3)
+    for axes in panels[-1]:
+        axes.set_xlabel("demonstrations")
+    for axes in panels[:, 0]:
+        axes.set_ylabel("losses within the bound")
+    figure.suptitle(title, fontsize=10)
+    return figure
+
+
 def _draw_both(
     axes: Axes,
     key: CurveKey,

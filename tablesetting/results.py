@@ -33,9 +33,11 @@ Row = Mapping[str, str]
 
 _RUN_FILES = (
     *(CONFIG, ROUNDS, SUMMARY, RECORDING),
-    *("weights.json", "demonstrations.json", "posterior.npz"),
+    *("weights.json", "demonstrations.json", "posterior.npz", "posterior.nc"),
+    *("certificate.json", "audit.csv"),
     *("figures", "figures/learning.png", "figures/query_*.png"),
     *("comparison.md", "figures/placement.png", "figures/placement.svg"),
+    *("calibration.md", "figures/calibration.png"),
 )
 
 _PACKAGES = ("mujoco", "dm-control", "mink", "rerun-sdk", "numpy", "numba")
@@ -183,10 +185,10 @@ class RunFolder:
                 f"cannot write '{path}': {_reason(error)}; free some space"
             ) from error
 
-    def write_rows(self, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Write the table of rounds anew, atomically."""
+    def write_rows(self, rows: Sequence[Mapping[str, Any]], name: str = ROUNDS) -> None:
+        """Write a table anew, atomically; that of rounds unless told."""
         text = _to_csv(rows, with_header=True) if rows else ""
-        self.write(ROUNDS, lambda path: path.write_text(text, encoding="utf-8"))
+        self.write(name, lambda path: path.write_text(text, encoding="utf-8"))
 
 
 def _to_csv(rows: Sequence[Mapping[str, Any]], *, with_header: bool) -> str:

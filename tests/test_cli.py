@@ -9,6 +9,7 @@ from tablesetting import cli
 
 BOWL_ON_PLATE = {"plate": [0.5, 0.5], "bowl": [0.6, 0.5]}
 STUDY = ("study", "placement")
+CALIBRATION = ("study", "calibration")
 CORNERS = {"glass": [0.1, 0.1], "cup": [0.9, 0.1]}
 
 
@@ -43,12 +44,62 @@ def complaint(capsys, *argv):
         (["run", "vase", "--layouts", "no.json"], ["no.json", "check the path"]),
         (["run", "spoon", "--first-layout", "paper"], ["spoon", "random"]),
         (["run", "vase", "--colour", "red"], ["--colour"]),
-        (["study"], ["placement"]),
-        (["study", "breakfast"], ["'breakfast'", "placement"]),
+        (["run", "vase", "--strategy", "best"], ["'best'", "max-regret", "cvar"]),
+        (["run", "vase", "--delta", "0"], ["error: --delta", "(0, 1)", "got 0.0"]),
+        (["run", "vase", "--delta", "1"], ["--delta", "(0, 1)", "got 1.0"]),
+        (["run", "vase", "--likelihood", "x"], ["--likelihood", "placement", "auto"]),
+        (["run", "vase", "--guess", "best"], ["--guess", "'best'", "map", "mean"]),
+        (["run", "vase", "--teacher", "me"], ["--teacher", "'me'", "noisy", "offset"]),
+        (["run", "vase", "--truth", "mine"], ["--truth", "task", "prior"]),
+        (["run", "vase", "--noise", "0"], ["error: --noise", "[0.001, 10000]", "0.0"]),
+        (["run", "vase", "--noise", "nan"], ["error: --noise", "got nan"]),
+        (["run", "vase", "--beta", "0"], ["error: --beta", "[0.01, 10000]", "got 0.0"]),
+        (
+            ["run", "vase", "--beta-spread", "-1"],
+            ["error: --beta-spread", "[0, 2]", "got -1.0"],
+        ),
+        (
+            ["run", "vase", "--noise-spread", "3"],
+            ["error: --noise-spread", "[0, 2]", "got 3.0"],
+        ),
+        (["run", "vase", "--target-ess", "0"], ["error: --target-ess", "got 0.0"]),
+        (["run", "vase", "--max-rhat", "1"], ["error: --max-rhat", "over 1", "1.0"]),
+        (["run", "vase", "--num-steps", "9"], ["error: --num-steps", "[2000, ", "9"]),
+        (
+            ["run", "vase", "--points", "--execute", "3"],
+            ["--execute must be 0 with --points", "got 3"],
+        ),
+        (
+            ["run", "vase", "--preset", "paper", "--likelihood", "auto"],
+            ["--likelihood must be boltzmann", "got auto", "--preset default --points"],
+        ),
+        (
+            [*STUDY, "--likelihood", "placement"],
+            ["--likelihood must be boltzmann", "got placement", "--preset default"],
+        ),
+        ([*STUDY, "--num-steps", "9000"], ["--num-steps", "no effect", "leave it out"]),
+        ([*CALIBRATION, "--target-ess", "0"], ["--target-ess", "[1, ", "got 0.0"]),
+        ([*CALIBRATION, "--max-rhat", "1"], ["--max-rhat", "over 1", "got 1.0"]),
+        ([*STUDY, "--beta-spread", "0.1"], ["--beta-spread must be 0", "got 0.1"]),
+        (["study"], ["placement", "calibration"]),
+        (["study", "breakfast"], ["'breakfast'", "placement", "calibration"]),
         ([*STUDY, "--tasks", "cup"], ["'cup'", "vase", "spoon"]),
         ([*STUDY, "--tasks"], ["--tasks", "none"]),
         ([*STUDY, "--tasks", "vase", "vase"], ["--tasks", "vase vase"]),
         ([*STUDY, "--strategies", "best"], ["'best'", "active-var", "random"]),
+        ([*STUDY, "--strategies", "all", "random"], ["all stands alone", "all random"]),
+        ([*STUDY, "--noise", "0"], ["error: --noise", "[0.001, 10000]", "got 0.0"]),
+        ([*STUDY, "--teacher", "me"], ["--teacher", "'me'", "noisy", "offset"]),
+        ([*STUDY, "--merge", "a", "--beta", "3"], ["--beta has no effect"]),
+        ([*CALIBRATION, "--teachers", "me"], ["'me'", "exact", "offset"]),
+        ([*CALIBRATION, "--teachers"], ["--teachers", "none"]),
+        ([*CALIBRATION, "--teachers", "exact", "exact"], ["--teachers", "exact exact"]),
+        ([*CALIBRATION, "--num-trials", "0"], ["--num-trials", "at least 1", "got 0"]),
+        ([*CALIBRATION, "--strategies", "random"], ["--strategies"]),
+        (
+            [*CALIBRATION, "--merge", "a", "--teachers", "exact"],
+            ["--teachers has no effect", "leave it out"],
+        ),
         ([*STUDY, "--num-trials", "0"], ["--num-trials", "at least 1", "got 0"]),
         ([*STUDY, "--num-trials", "9" * 20], ["--num-trials", "at most 1000000"]),
         ([*STUDY, "--num-queries", "-1"], ["--num-queries", "at least 0", "-1"]),
@@ -163,6 +214,42 @@ def test_asking_for_help_loads_nothing_heavy():
     assert done.returncode == 0, done.stderr
     assert "--num-queries" in done.stdout
     assert "--shard" in done.stdout
+
+
+@pytest.mark.parametrize("command", [("run",), STUDY], ids=" ".join)
+def test_help_names_how_can_be_learned_and_from_whom(command, capsys):
+    with pytest.raises(SystemExit, match="0"):
+        cli.main([*command, "--help"])
+    text = capsys.readouterr().out
+    for option in (
+        "--likelihood {boltzmann,placement,auto}",
+        "--guess {map,mean}",
+        "--noise FLOAT",
+        "--noise-spread FLOAT",
+        "--beta FLOAT",
+        "--beta-spread FLOAT",
+        "--target-ess FLOAT",
+        "--max-rhat FLOAT",
+        "--num-steps INT",
+        "--teacher {exact,boltzmann,noisy,blundering,biased,offset}",
+        "--truth {task,prior}",
+        "--points",
+    ):
+        assert option in text
+
+
+@pytest.mark.parametrize("missing", ["h5netcdf", "h5py"])
+def test_netcdf_without_its_extra_is_refused_before_any_work(
+    missing, tmp_path, capsys, monkeypatch
+):
+    for module in ("h5netcdf", "h5py"):
+        monkeypatch.setitem(sys.modules, module, type(sys)(module))
+    monkeypatch.setitem(sys.modules, missing, None)
+    out = tmp_path / "out"
+    message = complaint(capsys, "run", "vase", "--netcdf", "--out", str(out))
+    for part in (str(out / "posterior.nc"), missing, "tablesetting[arviz]"):
+        assert part in message
+    assert not out.exists()
 
 
 def test_the_doctor_finds_this_machine_well(tmp_path, capsys):

@@ -4,15 +4,29 @@ from typing import get_args
 
 import pytest
 
-from tablesetting.experiments.config import PresetName, StrategyName, TaskName
-from tablesetting.irl.active import STRATEGIES
-from tablesetting.reward.problem import PRESETS
+from tablesetting.experiments.config import (
+    LikelihoodName,
+    PresetName,
+    StrategyName,
+    TaskName,
+    TeacherName,
+)
+from tablesetting.irl.strategies import STRATEGIES
+from tablesetting.reward import config as reward_config
+from tablesetting.reward.config import PRESETS
 from tablesetting.reward.tasks import TASKS
+from tablesetting.reward.teachers import TEACHERS
 
 SIMULATORS = ("mujoco", "dm_control", "mink", "rerun", "viser")
 LIGHT = ("", ".errors", ".experiments.config", ".experiments.study_config")
-IRL = ("active", "arrays", "diagnostics", "posterior", "risk", "sampler")
-REWARD = ("files", "layout", "likelihood", "placement", "problem", "rbf", "tasks")
+IRL = (
+    *("active", "arrays", "certificate", "diagnostics", "netcdf", "outlook"),
+    *("posterior", "random_walk", "risk", "sampler", "strategies"),
+)
+REWARD = (
+    *("config", "files", "fit", "inference", "layout", "likelihood", "outlook"),
+    *("placement", "placement_likelihood", "problem", "rbf", "tasks", "teachers"),
+)
 
 
 def imported_by(*modules):
@@ -39,9 +53,9 @@ def test_results_and_figures_load_no_simulator():
 
 def test_a_study_loads_no_simulator():
     """Each of its processes would have to wait for that."""
-    loaded = imported_by("tablesetting.experiments.placement_study")
+    loaded = imported_by("tablesetting.experiments.studies")
     assert "numba" in loaded
-    assert loaded.isdisjoint({"matplotlib", *SIMULATORS})
+    assert loaded.isdisjoint({"matplotlib", "h5netcdf", *SIMULATORS})
 
 
 @pytest.mark.parametrize("module", LIGHT)
@@ -52,7 +66,13 @@ def test_the_package_and_its_settings_are_light(module):
 
 @pytest.mark.parametrize(
     ("choices", "table"),
-    [(TaskName, TASKS), (StrategyName, STRATEGIES), (PresetName, PRESETS)],
+    [
+        (TaskName, TASKS),
+        (StrategyName, STRATEGIES),
+        (PresetName, PRESETS),
+        (TeacherName, TEACHERS),
+        (LikelihoodName, get_args(reward_config.LikelihoodName)),
+    ],
 )
 def test_choices_on_the_command_line_are_the_keys_of_the_tables(choices, table):
     assert sorted(get_args(choices)) == sorted(table)

@@ -2,7 +2,12 @@ import numpy as np
 import pytest
 
 from tablesetting.curves import Curve, CurveKey
-from tablesetting.plotting import plot_learning, plot_placement_study, plot_query
+from tablesetting.plotting import (
+    plot_calibration,
+    plot_learning,
+    plot_placement_study,
+    plot_query,
+)
 
 ROWS = [
     {
@@ -111,6 +116,34 @@ def test_a_study_of_one_task_and_strategy_has_one_column():
     assert labels == ["random, mean error"]
 
 
+CALIBRATED = [
+    (kind, num_demos, share, share - 0.05, share + 0.02)
+    for kind, share in (("exact", 0.97), ("noisy", 0.9), ("biased", 0.3), ("me", 0.8))
+    for num_demos in (1, 2)
+]
+
+
+def test_calibration_is_drawn_by_kind_with_what_was_promised():
+    figure = plot_calibration(CALIBRATED, 0.95, "4 preferences")
+    *panels, empty, last = figure.axes
+    assert [axes.get_title() for axes in panels[:4]] == [
+        "exact",
+        "noisy",
+        "biased",
+        "me",
+    ]
+    assert not empty.axison
+    assert not last.axison
+    for axes, share in zip(panels, (0.97, 0.9, 0.3, 0.8), strict=True):
+        found, promised = axes.get_lines()
+        np.testing.assert_array_equal(found.get_xdata(), [1, 2])
+        np.testing.assert_array_equal(found.get_ydata(), [share, share])
+        assert list(promised.get_ydata()) == [0.95, 0.95]
+        low, high = axes.get_ylim()
+        assert low < share < high
+    assert figure.get_suptitle() == "4 preferences"
+
+
 @pytest.mark.parametrize("suffix", [".png", ".svg"])
 def test_figures_can_be_saved_without_a_display(tmp_path, suffix):
     reward_map = np.zeros((4, 4))
@@ -118,6 +151,7 @@ def test_figures_can_be_saved_without_a_display(tmp_path, suffix):
         plot_learning(ROWS, "vase"),
         plot_query(reward_map, {}, MARKED, "query 1"),
         plot_placement_study(study_curves(1.0), study_curves(1.1), "4 trials"),
+        plot_calibration(CALIBRATED, 0.95, "4 preferences"),
     ):
         figure.savefig(tmp_path / f"figure{suffix}")
         assert (tmp_path / f"figure{suffix}").stat().st_size > 1000

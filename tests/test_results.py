@@ -100,6 +100,14 @@ def test_an_earlier_run_is_replaced_when_told(folder):
     assert names(RunFolder.create(folder.path, overwrite=True)) == []
 
 
+@pytest.mark.parametrize("name", ["certificate.json", "audit.csv", "posterior.nc"])
+def test_what_else_a_run_may_write_is_replaced_with_it(folder, name):
+    folder.write_json(CONFIG, {"format": CONFIG_FORMAT})
+    folder.write(name, lambda path: path.write_text(""))
+    (folder.path / f".9-{name}").write_text("")
+    assert names(RunFolder.create(folder.path, overwrite=True)) == []
+
+
 @pytest.mark.parametrize("foreign", ["notes.txt", "figures/mine.png", "src/main.py"])
 def test_a_run_with_something_else_in_its_folder_is_not_overwritten(folder, foreign):
     folder.write_json(CONFIG, {"format": CONFIG_FORMAT})
@@ -247,6 +255,13 @@ def test_a_table_can_be_written_anew(folder):
     assert read_rows(folder.path / ROUNDS) == [{"a": "1"}, {"a": "2"}]
     folder.write_rows([])
     assert read_rows(folder.path / ROUNDS) == []
+
+
+def test_a_table_of_another_name_leaves_that_of_rounds_alone(folder):
+    folder.append_rows([{"a": 1}])
+    folder.write_rows([{"b": 2}], "audit.csv")
+    assert read_rows(folder.path / "audit.csv") == [{"b": "2"}]
+    assert read_rows(folder.path / ROUNDS) == [{"a": "1"}]
 
 
 def test_a_row_that_cannot_be_written_is_told(folder):

@@ -4,8 +4,10 @@ from itertools import islice
 
 import numpy as np
 
-from tablesetting.irl.active import STRATEGIES, run_active
-from tablesetting.reward.problem import DEFAULT, PlacementProblem
+from tablesetting.irl.active import run_active
+from tablesetting.irl.strategies import STRATEGIES
+from tablesetting.reward.config import DEFAULT
+from tablesetting.reward.problem import PlacementProblem
 from tablesetting.reward.tasks import VASE
 
 rng = np.random.default_rng(0)
@@ -13,7 +15,7 @@ problem = PlacementProblem(VASE, DEFAULT)
 first_layout = problem.space.sample(1, rng=rng)[0]
 rounds = run_active(
     problem,
-    [problem.demonstrate(first_layout)],
+    [problem.demonstrate(first_layout, rng=rng)],
     STRATEGIES["active-var"],
     problem.config.risk,
     rng=rng,

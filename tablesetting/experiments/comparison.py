@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from tablesetting.curves import Curve, CurveKey, Curves
+from tablesetting.curves import Curve, CurveKey, Curves, Reach
 from tablesetting.experiments.published import Difference
 
 _WORDS = {
@@ -20,6 +20,7 @@ def compare(
     curves: Curves,
     found: Sequence[Difference],
     gains: Mapping[str, Mapping[str, Curve]],
+    reached: Mapping[str, Sequence[Reach]],
 ) -> str:
     """Write one table for each task, in Markdown.
 
@@ -29,6 +30,7 @@ def compare(
         found: Differences from the paper; none where the settings are not the paper's.
         gains: By task and strategy, how much larger its mean error is than that of the
             study's first strategy, trial by trial.
+        reached: By task, how many demonstrations each strategy takes to small errors.
     """
     lines = [
         f"Placement study: {title}. Errors and bounds are in table units, means over "
@@ -53,6 +55,7 @@ def compare(
             _gain_row(strategy, first, gain)
             for strategy, gain in gains.get(task, {}).items()
         ]
+        lines += _reach_table(reached.get(task, ()))
     return "\n".join(lines) + "\n"
 
 
@@ -76,6 +79,31 @@ def _curve_rows(key: CurveKey, curve: Curve, found: Sequence[Difference]) -> lis
             _row("distance", (f"{each.bars:.2f}" if each else "" for each in beside)),
         ]
     return rows
+
+
+def _reach_table(reached: Sequence[Reach]) -> list[str]:
+    """Write how many demonstrations each strategy takes, and as a share of Random's."""
+    levels = list(dict.fromkeys(each.level for each in reached))
+    if not levels:
+        return []
+    lines = [
+        "",
+        _row(
+            "demonstrations to a mean error of",
+            (f"{level:g} | of random's" for level in levels),
+        ),
+        "|---" * (2 * len(levels) + 1) + "|",
+    ]
+    for strategy in dict.fromkeys(each.strategy for each in reached):
+        cells = []
+        for each in (each for each in reached if each.strategy == strategy):
+            cells.append(f"{each.mean:.2f} ± {each.standard_error:.2f}")
+            has_ratio = each.ratio is not None and each.strategy != "random"
+            cells.append(
+                f"{each.ratio:.0%} ± {each.ratio_error:.0%}" if has_ratio else ""
+            )
+        lines.append(_row(strategy, cells))
+    return lines
 
 
 def _gain_row(strategy: str, first: str, gain: Curve) -> str:

@@ -1,14 +1,29 @@
 """What a run can be told; light to import, so that the command line answers at once."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from tyro.conf import Positional, arg
+from tyro.conf import OmitArgPrefixes, Positional, arg
 
 TaskName = Literal["vase", "spoon"]
-StrategyName = Literal["active-var", "random"]
+StrategyName = Literal[
+    "active-var",
+    "var-bound",
+    "cvar",
+    "random",
+    "entropy",
+    "information-gain",
+    "volume-removal",
+    "max-regret",
+    "disagreement",
+    "bayes-regret",
+    "placement-equivalence",
+    "var-reduction",
+]
+LikelihoodName = Literal["boltzmann", "placement", "auto"]
+TeacherName = Literal["exact", "boltzmann", "noisy", "blundering", "biased", "offset"]
 PresetName = Literal["default", "paper"]
 
 
@@ -20,10 +35,95 @@ def by_preset(default: str, paper: str) -> Any:
 def refuse_below(config: object, **least: int) -> None:
     """Refuse options that are below the least that has a meaning."""
     for name, bound in least.items():
-        value = getattr(config, name)
+        value = getattr(config, name, None)
         if value is not None and value < bound:
             option = name.replace("_", "-")
             raise ValueError(f"--{option} must be at least {bound}; got {value}")
+
+
+@dataclass(frozen=True)
+class LearningConfig:
+    """What runs and studies have in common: how the robot learns, and from whom."""
+
+    likelihood: Annotated[
+        LikelihoodName | None, by_preset("placement", "boltzmann")
+    ] = None
+    """Model of the person: near the best placement, noisily rational, or both, weighed
+    by their evidence."""
+    guess: Annotated[
+        Literal["map", "mean"] | None,
+        arg(help_behavior_hint="(default: mean for placement, map for boltzmann)"),
+    ] = None
+    """What the robot acts on: the most probable weights or their mean."""
+    noise: float = 0.01
+    """Standard deviation of the person's placements in `placement`, in table units of
+    0.5 m."""
+    noise_spread: float = 0.0
+    """Prior standard deviation of its logarithm, to learn the noise; 0 fixes it."""
+    beta: float = 100.0
+    """Rationality of the person in `boltzmann`."""
+    beta_spread: float = 0.0
+    """Prior standard deviation of its logarithm, to learn it; 0 fixes it."""
+    target_ess: float = 400.0
+    """Effective sample size, of bulk and tails, at which the chains may end."""
+    max_rhat: float = 1.01
+    """R-hat that they must reach as well."""
+    num_steps: int = 50_000
+    """Most steps of each chain; a posterior that needs more is not certified."""
+    teacher: TeacherName = "exact"
+    """The simulated person: exact, as a likelihood assumes, or wrong in some way."""
+    truth: Literal["task", "prior"] = "task"
+    """What that person wants: what the task says, or weights drawn from the prior."""
+    points: Annotated[bool, arg(help_behavior_hint="(always in the paper preset)")] = (
+        False
+    )
+    """Take objects for points that may overlap; the arm does not act."""
+
+    def __post_init__(self) -> None:
+        for name, least in (("noise", 0.001), ("beta", 0.01)):
+            if not least <= getattr(self, name) <= 1e4:
+                raise ValueError(
+                    f"--{name} must be in [{least:g}, 10000]; got {getattr(self, name)}"
+                )
+        if not 1.0 <= self.target_ess <= 1e5:
+            raise ValueError(
+                f"--target-ess must be in [1, 100000]; got {self.target_ess}"
+            )
+        if not 1.0 < self.max_rhat < math.inf:
+            raise ValueError(f"--max-rhat must be over 1; got {self.max_rhat}")
+        if not 2_000 <= self.num_steps <= 10_000_000:
+            raise ValueError(
+                f"--num-steps must be in [2000, 10000000]; got {self.num_steps}"
+            )
+        for name in ("noise_spread", "beta_spread"):
+            if not 0.0 <= getattr(self, name) <= 2.0:
+                option = name.replace("_", "-")
+                raise ValueError(
+                    f"--{option} must be in [0, 2]; got {getattr(self, name)}"
+                )
+
+
+def refuse_for_paper(preset: PresetName, learning: LearningConfig) -> None:
+    """Refuse what the sampler of the paper cannot do."""
+    if preset != "paper":
+        return
+    if learning.likelihood not in (None, "boltzmann"):
+        raise ValueError(
+            "--likelihood must be boltzmann with the paper preset, whose chain is made "
+            f"for it; got {learning.likelihood}. Use --preset default --points"
+        )
+    for name in ("noise", "noise_spread", "target_ess", "max_rhat", "num_steps"):
+        if getattr(learning, name) != getattr(LearningConfig(), name):
+            option = name.replace("_", "-")
+            raise ValueError(
+                f"--{option} has no effect in the paper preset, which has its own model "
+                "and sampler; leave it out"
+            )
+    if learning.beta_spread > 0.0:
+        raise ValueError(
+            "--beta-spread must be 0 with the paper preset, whose chain samples weights "
+            f"alone; got {learning.beta_spread}"
+        )
 
 
 @dataclass(frozen=True)
@@ -48,6 +148,8 @@ class RunConfig:
     """Layouts to choose from: drawn anew, or the last one with one object moved."""
     num_candidates: int = 50
     """Layouts to choose from in each round."""
+    learning: OmitArgPrefixes[LearningConfig] = field(default_factory=LearningConfig)
+    """How the robot learns, and from whom."""
     first_layout: Annotated[
         str | None, by_preset("random", "paper where the task has one")
     ] = None
@@ -57,7 +159,17 @@ class RunConfig:
     num_layouts: int = 200
     """Test layouts drawn."""
     epsilon: Annotated[float | None, by_preset("0.05", "0, never")] = None
-    """Stop once the value at risk of every candidate is below this, in table units."""
+    """Stop once the bound on the loss is below this, in table units. By default it is
+    the confidence bound over layouts such as the robot will meet, in the paper preset
+    the largest value at risk of a candidate."""
+    delta: float = 0.05
+    """Probability that the bound may miss its quantile by Monte Carlo error."""
+    require_certificate: bool = False
+    """Exit with 1 unless the loss is certified to be below epsilon."""
+    audit: bool = False
+    """Log in audit.csv what every strategy would have asked in each round."""
+    netcdf: bool = False
+    """Write the last posterior for ArviZ as well; needs the extra `arviz`."""
     execute: Annotated[int | None, by_preset("all", "0")] = None
     """Queried layouts in which the arm acts."""
     seed: int = 0
@@ -75,9 +187,13 @@ class RunConfig:
         )
         if self.epsilon is not None and not 0.0 <= self.epsilon < math.inf:
             raise ValueError(f"--epsilon must be 0 or more; got {self.epsilon}")
-        if self.preset == "paper" and self.execute:
+        refuse_for_paper(self.preset, self.learning)
+        if not 0.0 < self.delta < 1.0:
+            raise ValueError(f"--delta must be in (0, 1); got {self.delta}")
+        if (self.preset == "paper" or self.learning.points) and self.execute:
+            cause = "the paper preset" if self.preset == "paper" else "--points"
             raise ValueError(
-                f"--execute must be 0 with the paper preset, whose objects are points; "
+                f"--execute must be 0 with {cause}, where objects are points; "
                 f"got {self.execute}"
             )
 

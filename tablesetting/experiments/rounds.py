@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tablesetting.experiments.arm import Attempt
+from tablesetting.experiments.learning import LearningRound
 from tablesetting.experiments.rows import learning_cells, rounded, seconds_cells
 from tablesetting.irl.active import Round
 from tablesetting.irl.arrays import Array
@@ -21,8 +22,7 @@ class RunRound:
     """One round of a run.
 
     Attributes:
-        learning: Posterior, candidates and query.
-        errors: Placement error in every test layout, shape (L,), in table units.
+        state: Posterior, candidates and query, and how far they can be trusted.
         placement: Where the robot wants the item in the queried layout, shape (2,).
         truth: Where the person wants it there, shape (2,).
         free_truth: Where the person would put it, as it has to fit, shape (2,).
@@ -31,8 +31,7 @@ class RunRound:
         attempt: What the arm made of it; None if it did not act.
     """
 
-    learning: Round[Array, Demonstration]
-    errors: Array
+    state: LearningRound
     placement: Array
     truth: Array
     free_truth: Array
@@ -42,7 +41,17 @@ class RunRound:
     @property
     def num_demos(self) -> int:
         """Number of demonstrations learned from."""
-        return len(self.learning.demos)
+        return self.state.num_demos
+
+    @property
+    def learning(self) -> Round[Array, Demonstration]:
+        """Posterior, candidates and query."""
+        return self.state.learning
+
+    @property
+    def errors(self) -> Array:
+        """Placement error in every test layout, shape (L,), in table units."""
+        return self.state.errors
 
     @property
     def learning_error(self) -> float:
@@ -68,7 +77,7 @@ class RunRound:
         line = (
             f"{self.num_demos:3d} demonstrations   mean error "
             f"{self.errors.mean():.3f}   largest {self.errors.max():.3f}   "
-            f"bound {self.learning.var_bound:.3f}"
+            f"bound {self.state.stopping_bound:.3f}"
         )
         if self.attempt is None:
             return line
@@ -82,7 +91,9 @@ def round_row(latest: RunRound) -> dict[str, object]:
     """Return the row of rounds.csv; cells of what was not done are empty."""
     seconds = latest.attempt.seconds if latest.attempt else None
     row = {
-        **learning_cells(latest.learning, latest.errors),
+        **learning_cells(latest.state),
+        "deployment_bound": latest.state.bound.value,
+        "fit": latest.state.fit.p_value,
         "learning_error": latest.learning_error,
         **_attempt_cells(latest.attempt),
         "detour": latest.detour,
@@ -100,7 +111,7 @@ def round_view(latest: RunRound, problem: PlacementProblem, strategy: str) -> Ro
         num_demos=latest.num_demos,
         centers=learning.query,
         reward_map=problem.reward_map(
-            learning.posterior.map_weights, learning.query, _MAP_SIZE
+            learning.posterior.guessed_weights, learning.query, _MAP_SIZE
         ),
         candidate_var=learning.var,
         asked=learning.query_index,
@@ -130,7 +141,9 @@ def explain_query(latest: RunRound, strategy: str) -> str:
         "or more from the robot's guess"
     )
     if latest.stopped == "epsilon":
-        bound = f"no candidate's value at risk is over {learning.var_bound:.3f}"
+        bound = (
+            f"the bound on the loss, {latest.state.stopping_bound:.3f}, is small enough"
+        )
         return f"Nothing more is asked: {bound}. In the layout shown, {risks}."
     if latest.stopped == "budget":
         return f"The budget is spent. `{strategy}` would ask here next: {risks}."

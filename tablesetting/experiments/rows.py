@@ -2,24 +2,19 @@
 
 from typing import Any
 
+from tablesetting.experiments.learning import LearningRound
 from tablesetting.irl.active import Round
-from tablesetting.irl.arrays import Array
 
 _DIGITS = 9  # Below any error that means something.
 
 
-def learning_cells(learning: Round[Any, Any], errors: Array) -> dict[str, object]:
-    """Return what is known after a number of demonstrations.
-
-    Args:
-        learning: The round.
-        errors: Placement error in every test layout, shape (L,), in table units.
-    """
-    posterior = learning.posterior
+def learning_cells(latest: LearningRound) -> dict[str, object]:
+    """Return what is known after a number of demonstrations."""
+    learning, posterior = latest.learning, latest.learning.posterior
     return {
-        "num_demos": len(learning.demos),
-        "mean_placement_error": float(errors.mean()),
-        "max_placement_error": float(errors.max()),
+        "num_demos": latest.num_demos,
+        "mean_placement_error": float(latest.errors.mean()),
+        "max_placement_error": float(latest.errors.max()),
         "var_bound": learning.var_bound,
         "ess": posterior.ess,
         "rhat": posterior.rhat,

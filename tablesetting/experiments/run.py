@@ -3,14 +3,13 @@
 from collections.abc import Generator, Iterator
 from dataclasses import replace
 
-import numpy as np
-
 from tablesetting.experiments.arm import Attempt, place
 from tablesetting.experiments.config import RunConfig
+from tablesetting.experiments.learning import LearningRound, learn
 from tablesetting.experiments.rounds import RunRound, execution_view, round_view
 from tablesetting.experiments.run_files import RunFiles
 from tablesetting.experiments.setup import RunSetup
-from tablesetting.irl.active import STRATEGIES, Round, run_active
+from tablesetting.irl.active import Round
 from tablesetting.irl.arrays import Array
 from tablesetting.recording import RunCard, RunRecorder
 from tablesetting.results import RECORDING, RunFolder, package_versions
@@ -63,42 +62,30 @@ def _learn(
 ) -> Iterator[RunRound]:
     """Learn until the budget is spent or the bound is below epsilon."""
     problem = setup.problem
-    rounds = run_active(
-        problem,
-        [problem.demonstrate(setup.first_layout)],
-        STRATEGIES[config.strategy],
-        problem.config.risk,
-        rng=setup.rng,
-    )
-    for num_asked, learning in enumerate(rounds):
-        latest = _evaluate(learning, setup, is_last=num_asked == config.num_queries)
+    for num_asked, state in enumerate(learn(setup, config.strategy)):
+        latest = _evaluate(state, setup, is_last=num_asked == config.num_queries)
         recorder.log_round(round_view(latest, problem, config.strategy))
         if latest.stopped is None and num_asked < setup.num_executions:
-            latest = replace(latest, attempt=_act(learning, problem, scene, recorder))
+            attempt = _act(state.learning, problem, scene, recorder)
+            latest = replace(latest, attempt=attempt)
         else:
-            scene.lay(learning.query)
+            scene.lay(state.learning.query)
             recorder.show(scene.snapshot())
         yield latest
         if latest.stopped is not None:
             return
 
 
-def _evaluate(
-    learning: Round[Array, Demonstration], setup: RunSetup, *, is_last: bool
-) -> RunRound:
-    problem, best_guess = setup.problem, learning.posterior.map_weights
+def _evaluate(state: LearningRound, setup: RunSetup, *, is_last: bool) -> RunRound:
+    problem, query = setup.problem, state.learning.query
+    guess = state.learning.posterior.guessed_weights
     true_weights = problem.task.true_weights
-    wishes = problem.best_placements(
-        np.stack([best_guess, true_weights]), learning.query[None]
-    )[0]
-    is_certain = learning.var_bound < setup.epsilon
     return RunRound(
-        learning=learning,
-        errors=setup.validation.placement_errors(best_guess),
-        placement=wishes[0],
-        truth=wishes[1],
-        free_truth=problem.best_free_placement(true_weights, learning.query),
-        stopped="epsilon" if is_certain else "budget" if is_last else None,
+        state=state,
+        placement=problem.best_placements(guess[None], query[None])[0, 0],
+        truth=problem.wishes(query[None])[0],
+        free_truth=problem.best_free_placement(true_weights, query),
+        stopped="epsilon" if state.is_certain else "budget" if is_last else None,
     )
 
 
@@ -109,7 +96,7 @@ def _act(
     recorder: RunRecorder,
 ) -> Attempt:
     """Let the arm put the item where the best guess wants it and it fits."""
-    best_guess = learning.posterior.map_weights
+    best_guess = learning.posterior.guessed_weights
     target = problem.best_free_placement(best_guess, learning.query)
     attempt = place(scene, recorder, learning.query, target)
     recorder.log_execution(execution_view(attempt))

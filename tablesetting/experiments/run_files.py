@@ -9,10 +9,13 @@ from typing import Any
 import numpy as np
 
 from tablesetting.experiments.arm import Attempt
+from tablesetting.experiments.audit import audit_rows
+from tablesetting.experiments.certificate import certificate_to_json
 from tablesetting.experiments.config import RunConfig
 from tablesetting.experiments.rounds import RunRound, round_row
 from tablesetting.experiments.setup import RunSetup
 from tablesetting.irl.arrays import Array
+from tablesetting.irl.netcdf import save_netcdf
 from tablesetting.plotting import plot_learning, plot_query
 from tablesetting.results import (
     CONFIG,
@@ -28,6 +31,7 @@ from tablesetting.reward.files import (
     layout_to_json,
     weights_to_json,
 )
+from tablesetting.reward.problem import PlacementProblem
 
 _MAP_SIZE = 96
 
@@ -40,12 +44,14 @@ class RunFiles:
         self._config = config
         self._setup = setup
         self._rounds: list[RunRound] = []
+        self._audit: list[dict[str, object]] = []
         self._started = perf_counter()
 
     def write_config(self) -> None:
         """Write the options and what they resolve to, before the work starts."""
         setup, task = self._setup, self._setup.problem.task
         options = asdict(self._config)
+        options |= options.pop("learning")
         options["out"] = str(self._folder.path)
         resolved = {
             "problem": asdict(setup.problem.config),
@@ -74,14 +80,24 @@ class RunFiles:
         )
         widths = problem.config.widths
         self._folder.write_json(
-            "weights.json", weights_to_json(posterior.map_weights, problem.task, widths)
+            "weights.json",
+            weights_to_json(posterior.guessed_weights, problem.task, widths),
         )
         self._folder.write("posterior.npz", lambda path: _save_posterior(path, latest))
         self._draw_query(latest)
+        if self._config.audit:
+            self._audit += audit_rows(latest.state, self._config.strategy)
+            self._folder.write_rows(self._audit, "audit.csv")
+        if self._config.netcdf:
+            self._folder.write(
+                "posterior.nc", lambda path: _save_netcdf(path, latest, problem)
+            )
 
     def write_summary(self, stopped: str) -> dict[str, Any]:
         """Write the final figures, and return them."""
         last = self._rounds[-1]
+        certificate = certificate_to_json(last.state)
+        self._folder.write_json("certificate.json", certificate)
         summary = {
             "task": self._config.task,
             "strategy": self._config.strategy,
@@ -93,6 +109,9 @@ class RunFiles:
             "max_placement_error": float(last.errors.max()),
             "var_bound": last.learning.var_bound,
             "epsilon": self._setup.epsilon,
+            "deployment_bound": certificate["bound"],
+            "certified": certificate["certified"],
+            "doubts": certificate["doubts"],
             "executions": summarize_attempts(
                 [each.attempt for each in self._rounds if each.attempt is not None]
             ),
@@ -121,7 +140,7 @@ class RunFiles:
     def _draw_query(self, latest: RunRound) -> None:
         problem, query = self._setup.problem, latest.learning.query
         demos = f"{latest.num_demos} demonstration{'s' * (latest.num_demos > 1)}"
-        weights = latest.learning.posterior.map_weights
+        weights = latest.learning.posterior.guessed_weights
         figure = plot_query(
             problem.reward_map(weights, query, _MAP_SIZE),
             problem.space.outlines(query),
@@ -171,7 +190,25 @@ def _save_posterior(path: Path, latest: RunRound) -> None:
         weights=posterior.weights,
         log_posts=posterior.log_posts,
         map_weights=posterior.map_weights,
+        mean_weights=posterior.mean_weights,
+        guessed_weights=posterior.guessed_weights,
+        scales=np.empty(0) if posterior.scales is None else posterior.scales,
+        num_chains=posterior.num_chains,
         acceptance_rate=posterior.acceptance_rate,
         ess=posterior.ess,
+        bulk_ess=posterior.diagnosis.bulk_ess,
+        tail_ess=posterior.diagnosis.tail_ess,
         rhat=posterior.rhat,
+        log_evidence=posterior.log_evidence,
+    )
+
+
+def _save_netcdf(path: Path, latest: RunRound, problem: PlacementProblem) -> None:
+    posterior = latest.learning.posterior
+    shape = (posterior.num_chains, -1)
+    save_netcdf(
+        path,
+        posterior.weights.reshape(*shape, posterior.weights.shape[1]),
+        {"lp": posterior.log_posts.reshape(shape)},
+        {"task": problem.task.name, "num_demos": latest.num_demos},
     )

@@ -6,13 +6,20 @@ from pathlib import Path
 import numpy as np
 
 from tablesetting.errors import InvalidLayout
-from tablesetting.experiments.config import RunConfig
+from tablesetting.experiments.config import LearningConfig, RunConfig
 from tablesetting.experiments.validation import ValidationSet
 from tablesetting.irl.arrays import Array
+from tablesetting.irl.sampler import McmcConfig, sample_uniform_weights
+from tablesetting.reward.config import PRESETS, PlacementConfig
 from tablesetting.reward.files import read_layouts
 from tablesetting.reward.layout import LayoutSpace
-from tablesetting.reward.problem import PRESETS, PlacementConfig, PlacementProblem
+from tablesetting.reward.placement_likelihood import NoiseConfig
+from tablesetting.reward.problem import PlacementProblem
 from tablesetting.reward.tasks import TASKS
+from tablesetting.reward.teachers import TEACHERS
+
+_NUM_DEPLOYED = 100  # Layouts that the bound is over,
+_NUM_REFERENCES = 32  # and those of them that strategies think ahead to.
 
 
 @dataclass(frozen=True)
@@ -24,17 +31,20 @@ class RunDefaults:
         layouts: Where the learned weights are tested.
         epsilon: Bound that ends the run, in table units.
         executes: Whether the arm acts.
+        is_bound_deployed: Whether the bound that ends the run is over layouts such as
+            the robot will meet, rather than over the candidates.
     """
 
     first_layout: str
     layouts: str
     epsilon: float
     executes: bool
+    is_bound_deployed: bool
 
 
 DEFAULTS = {
-    "default": RunDefaults("random", "valid", epsilon=0.05, executes=True),
-    "paper": RunDefaults("paper", "uniform", epsilon=0.0, executes=False),
+    "default": RunDefaults("random", "valid", 0.05, True, is_bound_deployed=True),
+    "paper": RunDefaults("paper", "uniform", 0.0, False, is_bound_deployed=False),
 }
 
 
@@ -46,17 +56,28 @@ class RunSetup:
         problem: What is learned.
         first_layout: Where the first demonstration is given, shape (K, 2).
         validation: The test layouts.
+        deployment: Other layouts such as the robot will meet, shape (T, K, 2).
+        distribution: Where these come from, in words.
         epsilon: Bound that ends the run, in table units.
+        is_bound_deployed: Whether the bound that ends the run is over these layouts,
+            rather than over the candidates.
         num_executions: In how many queried layouts the arm acts.
         rng: Source of the randomness of the active loop.
+        teacher_rng: Source of that of the first demonstration.
+        side_seeds: Source of that of whatever only looks on.
     """
 
     problem: PlacementProblem
     first_layout: Array
     validation: ValidationSet
+    deployment: Array
+    distribution: str
     epsilon: float
+    is_bound_deployed: bool
     num_executions: int
     rng: np.random.Generator
+    teacher_rng: np.random.Generator
+    side_seeds: np.random.SeedSequence
 
     @classmethod
     def of_config(
@@ -74,29 +95,69 @@ class RunSetup:
                 of the paper's.
         """
         defaults = DEFAULTS[config.preset]
-        first_rng, test_rng, loop_rng = (
-            np.random.default_rng(child)
-            for child in (seeds or np.random.SeedSequence(config.seed)).spawn(3)
+        seeds = seeds or np.random.SeedSequence(config.seed)
+        *children, side_seeds = seeds.spawn(7)
+        first_rng, test_rng, loop_rng, deployed_rng, teacher_rng, truth_rng = map(
+            np.random.default_rng, children
         )
-        problem = PlacementProblem(TASKS[config.task], problem_settings(config))
-        executes = config.num_queries if defaults.executes else 0
+        settings, task = problem_settings(config), TASKS[config.task]
+        if config.learning.truth == "prior":
+            dim = len(task.true_weights)
+            task = task.wanting(sample_uniform_weights(1, dim, rng=truth_rng)[0])
+        test = _TestLayouts.of_config(config, PlacementProblem(task, settings))
+        deployment = test.draw(_NUM_DEPLOYED, rng=deployed_rng)
+        problem = PlacementProblem(
+            task,
+            settings,
+            teacher=TEACHERS[config.learning.teacher],
+            deployment=deployment[:_NUM_REFERENCES],
+        )
+        executes = (
+            config.num_queries if defaults.executes and not settings.are_points else 0
+        )
+        layouts = test.draw(config.num_layouts, rng=test_rng)
         return cls(
             problem=problem,
             first_layout=_first_layout(problem, config, defaults, first_rng),
-            validation=_validation_set(problem, config, defaults, test_rng),
+            validation=ValidationSet.of_problem(problem, layouts),
+            deployment=deployment,
+            distribution=test.description,
             epsilon=defaults.epsilon if config.epsilon is None else config.epsilon,
+            is_bound_deployed=defaults.is_bound_deployed,
             num_executions=executes if config.execute is None else config.execute,
             rng=loop_rng,
+            teacher_rng=teacher_rng,
+            side_seeds=side_seeds,
         )
 
 
 def problem_settings(config: RunConfig) -> PlacementConfig:
     """Return how a run learns: its preset, with what the options change of it."""
-    preset = PRESETS[config.preset]
+    preset, learning = PRESETS[config.preset], config.learning
+    boltzmann = replace(
+        preset.boltzmann, beta=learning.beta, beta_spread=learning.beta_spread
+    )
     return replace(
         preset,
         candidates=config.candidates or preset.candidates,
         num_candidates=config.num_candidates,
+        are_points=preset.are_points or learning.points,
+        likelihood=learning.likelihood or preset.likelihood,
+        guess=learning.guess,
+        boltzmann=boltzmann,
+        noise=NoiseConfig(learning.noise, learning.noise_spread),
+        mcmc=preset.mcmc if config.preset == "paper" else _sampler(preset, learning),
+        risk=replace(preset.risk, delta=config.delta),
+    )
+
+
+def _sampler(preset: PlacementConfig, learning: LearningConfig) -> McmcConfig:
+    """Return when the chains are to end."""
+    return replace(
+        preset.mcmc,
+        target_ess=learning.target_ess,
+        max_rhat=learning.max_rhat,
+        num_steps=learning.num_steps,
     )
 
 
@@ -124,20 +185,37 @@ def _first_layout(
     return layout
 
 
-def _validation_set(
-    problem: PlacementProblem,
-    config: RunConfig,
-    defaults: RunDefaults,
-    rng: np.random.Generator,
-) -> ValidationSet:
-    choice = config.layouts or defaults.layouts
-    if choice in ("uniform", "valid"):
-        is_uniform = choice == "uniform"  # Points may stand anywhere.
-        space = LayoutSpace.of_task(problem.task, are_points=is_uniform)
-        layouts = space.sample(config.num_layouts, rng=rng)
-    else:
+@dataclass(frozen=True)
+class _TestLayouts:
+    """Where layouts such as the robot will meet come from.
+
+    Attributes:
+        space: The layouts to draw from; None where they are given.
+        given: Those that are given, shape (L, K, 2).
+        description: The same in words.
+    """
+
+    space: LayoutSpace | None
+    given: Array | None
+    description: str
+
+    @classmethod
+    def of_config(cls, config: RunConfig, problem: PlacementProblem) -> "_TestLayouts":
+        """Resolve the options."""
+        usual = DEFAULTS[config.preset].layouts
+        choice = config.layouts or ("uniform" if config.learning.points else usual)
+        if choice in ("uniform", "valid"):
+            is_uniform = choice == "uniform"  # Points may stand anywhere.
+            space = LayoutSpace.of_task(problem.task, are_points=is_uniform)
+            return cls(space, None, choice)
         layouts = _given_layouts(problem, Path(choice))
-    return ValidationSet.of_problem(problem, layouts)
+        return cls(None, layouts, f"the {len(layouts)} of {choice}")
+
+    def draw(self, num: int, *, rng: np.random.Generator) -> Array:
+        """Draw layouts, or return all that are given, shape (L, K, 2)."""
+        if self.space is None:
+            return np.asarray(self.given)
+        return self.space.sample(num, rng=rng)
 
 
 def _given_layouts(

@@ -2,10 +2,18 @@
 
 from collections.abc import Generator
 from functools import partial
+from typing import cast
 
-from tablesetting.experiments.placement_study import Trial, run_trial
+from tablesetting.experiments import calibration_results, study_results
+from tablesetting.experiments.calibration_results import CALIBRATION, write_calibration
+from tablesetting.experiments.studies import run_trial
+from tablesetting.experiments.study_config import (
+    CalibrationStudyConfig,
+    PlacementStudyConfig,
+)
 from tablesetting.experiments.study_files import StudyFolder
-from tablesetting.experiments.study_results import write_results
+from tablesetting.experiments.study_results import COMPARISON, write_results
+from tablesetting.experiments.trials import Trial
 from tablesetting.experiments.workers import map_unordered
 from tablesetting.results import ROUNDS, read_rows
 
@@ -35,4 +43,13 @@ def finish_study(study: StudyFolder) -> list[str]:
     """Write what a complete study found; return it in words, line by line."""
     study.write_rows()
     rows = read_rows(study.folder.path / ROUNDS)
-    return write_results(study.folder, study.config, rows)
+    if isinstance(study.config, CalibrationStudyConfig):
+        lines = write_calibration(study.folder, study.config, rows)
+        files = (CALIBRATION, calibration_results.FIGURE)
+    else:
+        config = cast(PlacementStudyConfig, study.config)
+        lines = write_results(study.folder, config, rows)
+        files = (COMPARISON, study_results.FIGURE)
+    names = ("table", "figure")
+    named = zip(names, files, strict=True)
+    return [*lines, *(f"{kind}: {study.folder.path / name}" for kind, name in named)]

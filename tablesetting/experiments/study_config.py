@@ -1,19 +1,23 @@
 """What a study can be told; light to import, so that the command line answers at once."""
 
 import re
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, ClassVar, Literal, cast, get_args
 
-from tyro.conf import arg
+from tyro.conf import OmitArgPrefixes, arg
 
 from tablesetting.experiments.config import (
+    LearningConfig,
     PresetName,
     RunConfig,
     StrategyName,
     TaskName,
+    TeacherName,
     by_preset,
     refuse_below,
+    refuse_for_paper,
 )
 
 _MOST = {
@@ -26,38 +30,17 @@ _MOST = {
 
 
 @dataclass(frozen=True)
-class PlacementStudyConfig:
-    """Repeat the paper's table experiment: tasks x strategies x trials, no arm.
-
-    In a trial all strategies share the first demonstration and the test layouts. The
-    rows, a summary, the figure and a comparison with the published curves are written.
-    """
+class TrialsConfig(ABC):
+    """What every study has: many trials of each task, by several processes."""
 
     tasks: tuple[TaskName, ...] = ("vase", "spoon")
     """What to place."""
-    strategies: tuple[StrategyName, ...] = ("active-var", "random")
-    """How the layout to ask about is chosen."""
     num_trials: int = 100
     """Trials of each task."""
     num_queries: int = 10
     """Queries asked after the first demonstration."""
-    preset: PresetName = "paper"
-    """`paper` reproduces the published curves, with objects that are points; `default`
-    is statistically sound and physical, and takes half a minute for each trial."""
-    candidates: Annotated[
-        Literal["any", "one-moved"] | None, by_preset("any", "one-moved")
-    ] = None
-    """Layouts to choose from: drawn anew, or the last one with one object moved."""
-    num_candidates: int = 50
-    """Layouts to choose from in each round."""
-    layouts: Annotated[
-        Literal["valid", "uniform"] | None, by_preset("valid", "uniform")
-    ] = None
-    """Test layouts: physically `valid` or `uniform` points."""
     num_layouts: int = 200
     """Test layouts drawn in each trial."""
-    test_bound: bool = False
-    """Give the bound over the test layouts as well; about twice the work."""
     jobs: Annotated[
         int | None, arg(help_behavior_hint="(default: one for each core)")
     ] = None
@@ -72,13 +55,20 @@ class PlacementStudyConfig:
     """Put the parts in these folders together, instead of any work; other options than
     --out and --overwrite are theirs."""
     out: Annotated[
-        Path | None, arg(help_behavior_hint="(default: runs/study/placement-STAMP)")
+        Path | None, arg(help_behavior_hint="(default: runs/study/NAME-STAMP)")
     ] = None
     """Folder of the study."""
     resume: bool = False
     """Go on with the study in --out; start it if there is none."""
     overwrite: bool = False
     """Replace an earlier study in the folder."""
+
+    name: ClassVar[str]
+    """Of the study on the command line."""
+    listed: ClassVar[str]
+    """The option that lists what every trial compares."""
+    column: ClassVar[str]
+    """The column that names which of these a row is of."""
 
     def __post_init__(self) -> None:
         refuse_below(
@@ -91,11 +81,11 @@ class PlacementStudyConfig:
             seed=0,
         )
         for name, most in _MOST.items():
-            value = getattr(self, name)
+            value = getattr(self, name, None)
             if value is not None and value > most:
                 option = name.replace("_", "-")
                 raise ValueError(f"--{option} must be at most {most}; got {value}")
-        for name in ("tasks", "strategies"):
+        for name in ("tasks", self.listed):
             values = getattr(self, name)
             if not values or len(set(values)) < len(values):
                 given = " ".join(values) or "none"
@@ -126,14 +116,23 @@ class PlacementStudyConfig:
             raise ValueError("--merge must name the folders of the parts; got none")
         if self.out and self.out.resolve() in [part.resolve() for part in parts]:
             raise ValueError(f"--out must be none of the parts; got {self.out}")
-        plain = PlacementStudyConfig.__dataclass_fields__
-        for name in plain.keys() - {"merge", "out", "overwrite"}:
-            if getattr(self, name) != plain[name].default:
-                option = name.replace("_", "-")
-                raise ValueError(
-                    f"--{option} has no effect beside --merge, which takes the settings "
-                    "of the parts; leave it out"
-                )
+        for name in _changed(self) - {"merge", "out", "overwrite"}:
+            option = name.replace("_", "-")
+            raise ValueError(
+                f"--{option} has no effect beside --merge, which takes the settings "
+                "of the parts; leave it out"
+            )
+
+    @property
+    @abstractmethod
+    def compared(self) -> tuple[str, ...]:
+        """What every trial compares, by name."""
+        ...
+
+    @abstractmethod
+    def run_config(self, task: TaskName, compared: str) -> RunConfig:
+        """Return the options of the run that a part of a trial is."""
+        ...
 
     @property
     def shard_of(self) -> tuple[int, int]:
@@ -143,6 +142,54 @@ class PlacementStudyConfig:
         index, num_shards = map(int, self.shard.split("/"))
         return index - 1, num_shards
 
+
+@dataclass(frozen=True)
+class PlacementStudyConfig(TrialsConfig):
+    """Repeat the paper's table experiment: tasks x strategies x trials, no arm.
+
+    In a trial all strategies share the first demonstration and the test layouts. The
+    rows, a summary, the figure and a comparison with the published curves are written.
+    """
+
+    strategies: tuple[StrategyName | Literal["all"], ...] = ("active-var", "random")
+    """How the layout to ask about is chosen; `all` compares all there are."""
+    preset: PresetName = "paper"
+    """`paper` reproduces the published curves, with objects that are points; `default`
+    is statistically sound and physical, and takes some seconds for each trial."""
+    candidates: Annotated[
+        Literal["any", "one-moved"] | None, by_preset("any", "one-moved")
+    ] = None
+    """Layouts to choose from: drawn anew, or the last one with one object moved."""
+    num_candidates: int = 50
+    """Layouts to choose from in each round."""
+    learning: OmitArgPrefixes[LearningConfig] = field(default_factory=LearningConfig)
+    """How the robot learns, and from whom."""
+    layouts: Annotated[
+        Literal["valid", "uniform"] | None, by_preset("valid", "uniform")
+    ] = None
+    """Test layouts: physically `valid` or `uniform` points."""
+    test_bound: bool = False
+    """Give the bound over the test layouts as well; about twice the work."""
+
+    name: ClassVar[str] = "placement"
+    listed: ClassVar[str] = "strategies"
+    column: ClassVar[str] = "strategy"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        refuse_for_paper(self.preset, self.learning)
+        if "all" in self.strategies and len(self.strategies) > 1:
+            raise ValueError(
+                f"--strategies all stands alone; got {' '.join(self.strategies)}"
+            )
+
+    @property
+    def compared(self) -> tuple[StrategyName, ...]:
+        """The strategies by name."""
+        if "all" in self.strategies:
+            return get_args(StrategyName)
+        return cast(tuple[StrategyName, ...], self.strategies)
+
     @property
     def is_as_published(self) -> bool:
         """Whether only trials, queries and the choice of tasks may differ from the paper."""
@@ -151,17 +198,19 @@ class PlacementStudyConfig:
             and self.candidates in (None, "one-moved")
             and self.num_candidates == 50
             and self.layouts in (None, "uniform")
+            and replace(self.learning, points=False) == LearningConfig()
         )
 
-    def run_config(self, task: TaskName, strategy: StrategyName) -> RunConfig:
+    def run_config(self, task: TaskName, compared: str) -> RunConfig:
         """Return the options of the run that a trial of one strategy is."""
         return RunConfig(
             task=task,
-            strategy=strategy,
+            strategy=cast(StrategyName, compared),
             num_queries=self.num_queries,
             preset=self.preset,
             candidates=self.candidates,
             num_candidates=self.num_candidates,
+            learning=self.learning,
             layouts=self.layouts,
             num_layouts=self.num_layouts,
             execute=0,
@@ -170,5 +219,88 @@ class PlacementStudyConfig:
 
 
 @dataclass(frozen=True)
+class CalibrationStudyConfig(TrialsConfig):
+    """Ask how often the bound holds: simulated people of many kinds and preferences.
+
+    In a trial a true reward is drawn from the prior, and people of each kind, who all
+    have it, answer the same random layouts. Each kind is learned from with the likelihood
+    that is made for it, or the default.
+    """
+
+    num_trials: int = 84
+    """Trials of each task: 84 of both make 1008 people of 6 kinds."""
+    num_queries: int = 9
+    """Queries asked after the first demonstration."""
+    num_layouts: int = 100
+    """Test layouts drawn in each trial."""
+    teachers: tuple[TeacherName, ...] = get_args(TeacherName)
+    """Kinds of people."""
+    target_ess: float = 200.0
+    """Effective sample size at which the chains may end; 150 is the least that bounds
+    the loss at the tenth look. Runs have 400."""
+    max_rhat: float = 1.05
+    """R-hat that they must reach as well; runs have 1.01."""
+
+    name: ClassVar[str] = "calibration"
+    listed: ClassVar[str] = "teachers"
+    column: ClassVar[str] = "teacher"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        LearningConfig(
+            target_ess=self.target_ess, max_rhat=self.max_rhat
+        )  # May refuse.
+
+    @property
+    def compared(self) -> tuple[str, ...]:
+        """The kinds of people."""
+        return self.teachers
+
+    def run_config(self, task: TaskName, compared: str) -> RunConfig:
+        """Return the options of the run that learns from one kind of person."""
+        teacher = cast(TeacherName, compared)
+        return RunConfig(
+            task=task,
+            strategy="random",
+            num_queries=self.num_queries,
+            num_candidates=1,
+            learning=LearningConfig(
+                likelihood="boltzmann" if teacher == "boltzmann" else "placement",
+                noise=0.02 if teacher == "noisy" else 0.01,
+                target_ess=self.target_ess,
+                max_rhat=self.max_rhat,
+                teacher=teacher,
+                truth="prior",
+                points=True,
+            ),
+            num_layouts=self.num_layouts,
+            execute=0,
+            seed=self.seed,
+        )
+
+
+def _changed(config: object) -> set[str]:
+    """Name the options that are not what they are unless told."""
+    found = set()
+    for described in fields(cast(Any, config)):
+        value = getattr(config, described.name)
+        if isinstance(value, LearningConfig):
+            found |= _changed(value)
+        elif value != described.default:
+            found.add(described.name)
+    return found
+
+
+STUDIES: dict[str, type[TrialsConfig]] = {
+    study.name: study for study in (PlacementStudyConfig, CalibrationStudyConfig)
+}
+"""Studies by name."""
+
+
+@dataclass(frozen=True)
 class StudyConfig:
-    """Repeat an experiment many times: `study placement` is the paper's on the table."""
+    """Repeat an experiment many times.
+
+    `study placement` is the paper's on the table, `study calibration` asks how often the
+    bound holds.
+    """

@@ -8,18 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from tablesetting.errors import InvalidFile
-from tablesetting.experiments.placement_study import (
-    Trial,
-    all_trials,
-    columns,
-    shard_trials,
-)
-from tablesetting.experiments.study_config import PlacementStudyConfig
+from tablesetting.experiments.studies import columns
+from tablesetting.experiments.study_config import TrialsConfig
 from tablesetting.experiments.study_settings import (
     describe,
     first_difference,
     read_settings,
 )
+from tablesetting.experiments.trials import Trial, all_trials, shard_trials
 from tablesetting.results import (
     CONFIG,
     CONFIG_FORMAT,
@@ -43,7 +39,7 @@ class StudyFolder:
     def __init__(
         self,
         folder: RunFolder,
-        config: PlacementStudyConfig,
+        config: TrialsConfig,
         rows: dict[Trial, Sequence[Mapping[str, Any]]],
     ):
         self.folder = folder
@@ -52,7 +48,7 @@ class StudyFolder:
 
     @classmethod
     @contextlib.contextmanager
-    def open(cls, config: PlacementStudyConfig, path: Path) -> Iterator["StudyFolder"]:
+    def open(cls, config: TrialsConfig, path: Path) -> Iterator["StudyFolder"]:
         """Start a study in a folder, or go on with the one that is there.
 
         Raises:
@@ -79,7 +75,7 @@ class StudyFolder:
 
     @classmethod
     @contextlib.contextmanager
-    def merge(cls, config: PlacementStudyConfig, path: Path) -> Iterator["StudyFolder"]:
+    def merge(cls, config: TrialsConfig, path: Path) -> Iterator["StudyFolder"]:
         """Put shards together in a new folder.
 
         Args:
@@ -126,7 +122,7 @@ class StudyFolder:
 
 
 def _read_trials(
-    config: PlacementStudyConfig, path: Path
+    config: TrialsConfig, path: Path
 ) -> dict[Trial, Sequence[Mapping[str, Any]]]:
     """Read the rows of every trial that is all there."""
     table = path / ROUNDS
@@ -152,35 +148,35 @@ def _read_trials(
     return {trial: own for trial, own in trials.items() if _is_complete(own, config)}
 
 
-def _is_complete(rows: Sequence[Row], config: PlacementStudyConfig) -> bool:
+def _is_complete(rows: Sequence[Row], config: TrialsConfig) -> bool:
     """Tell whether these are the rows of one whole trial."""
     expected = [
-        (strategy, str(num_demos))
-        for strategy in config.strategies
+        (compared, str(num_demos))
+        for compared in config.compared
         for num_demos in range(1, config.num_queries + 2)
     ]
-    found = [(row.get("strategy"), row.get("num_demos")) for row in rows]
-    return found == expected and all(_is_numeric(row) for row in rows)
+    found = [(row.get(config.column), row.get("num_demos")) for row in rows]
+    names = ("task", config.column)
+    return found == expected and all(_is_numeric(row, names) for row in rows)
 
 
-def _is_numeric(row: Row) -> bool:
-    """Tell whether every cell but the names is a number; R-hat may be infinite."""
+def _is_numeric(row: Row, names: Sequence[str]) -> bool:
+    """Tell whether every cell but the names is a number; some may be infinite."""
     try:
         values = {
-            column: float(cell)
-            for column, cell in row.items()
-            if column not in ("task", "strategy")
+            column: float(cell) for column, cell in row.items() if column not in names
         }
     except (TypeError, ValueError):  # Cells are missing, or there are too many.
         return False
     return all(
-        math.isfinite(value) or column == "rhat" for column, value in values.items()
+        math.isfinite(value) or column in ("rhat", "bound")
+        for column, value in values.items()
     )
 
 
 def _read_shards(
     paths: Sequence[Path],
-) -> tuple[PlacementStudyConfig, dict[Trial, Sequence[Mapping[str, Any]]]]:
+) -> tuple[TrialsConfig, dict[Trial, Sequence[Mapping[str, Any]]]]:
     """Read shards of one study; return its settings and all rows."""
     merged = replace(read_settings(paths[0])[0], shard=None)
     rows: dict[Trial, Sequence[Mapping[str, Any]]] = {}

@@ -1,13 +1,15 @@
 """What a study found: a summary, the figure, and a comparison with the paper."""
 
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tablesetting.curves import Curve, Curves, average, paired_difference
+from tablesetting.curves import Curve, Curves, average, paired_difference, reaches
 from tablesetting.experiments.comparison import compare
+from tablesetting.experiments.config import LearningConfig
 from tablesetting.experiments.published import Difference, differences, published_curves
 from tablesetting.experiments.study_config import PlacementStudyConfig
 from tablesetting.plotting import plot_placement_study
@@ -20,6 +22,7 @@ _QUANTITIES = (
     *("mean_placement_error", "max_placement_error", "var_bound", "bound_held"),
     *("test_var_bound", "test_bound_held"),
 )
+_LEVELS = (0.05, 0.02)  # Of the mean error, in table units.
 _DIGITS = 6
 
 
@@ -39,15 +42,19 @@ def write_results(
     curves = average(rows, [name for name in _QUANTITIES if name in rows[0]])
     gains: dict[str, dict[str, Curve]] = {
         task: {
-            strategy: paired_difference(rows, task, strategy, config.strategies[0])
-            for strategy in config.strategies[1:]
+            strategy: paired_difference(rows, task, strategy, config.compared[0])
+            for strategy in config.compared[1:]
         }
         for task in dict.fromkeys(key.task for key in curves)  # A shard may lack one.
     }
     title = _title(config)
     published = published_curves() if config.preset == "paper" else {}
     found = list(differences(curves, published)) if config.is_as_published else []
-    text = compare(title, curves, found, gains)
+    reached = {
+        task: [each for level in _LEVELS for each in reaches(rows, task, level)]
+        for task in gains
+    }
+    text = compare(title, curves, found, gains, reached)
     folder.write(COMPARISON, lambda path: _save_text(path, text))
     figure = plot_placement_study(curves, published, title)
     for name in (FIGURE, FIGURE.replace(".png", ".svg")):
@@ -67,6 +74,10 @@ def _title(config: PlacementStudyConfig) -> str:
     for name in ("candidates", "num_candidates", "layouts", "num_layouts"):
         if getattr(config, name) != getattr(usual, name):
             settings.append(f"{name.replace('_', ' ')} {getattr(config, name)}")
+    for described in fields(LearningConfig):
+        value = getattr(config.learning, described.name)
+        if value != described.default:
+            settings.append(f"{described.name.replace('_', ' ')} {value}")
     if config.shard:
         settings.append(f"shard {config.shard}")
     return ", ".join(settings)

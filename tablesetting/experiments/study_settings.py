@@ -1,36 +1,50 @@
 """The settings of a study as config.json holds them."""
 
 import json
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from tablesetting.errors import InvalidFile
+from tablesetting.experiments.config import (
+    LearningConfig,
+    LikelihoodName,
+    PresetName,
+    StrategyName,
+    TaskName,
+    TeacherName,
+)
 from tablesetting.experiments.setup import problem_settings
-from tablesetting.experiments.study_config import PlacementStudyConfig
-from tablesetting.irl.active import STRATEGIES
+from tablesetting.experiments.study_config import (
+    STUDIES,
+    PlacementStudyConfig,
+    TrialsConfig,
+)
 from tablesetting.results import CONFIG, CONFIG_FORMAT, package_versions, read_json
-from tablesetting.reward.problem import PRESETS
-from tablesetting.reward.tasks import TASKS
 
-_COMMAND = "study placement"
+_LEARNING = tuple(field.name for field in fields(LearningConfig))
 # What may differ between the start of a study and its going on.
 _OF_ONE_CALL = ("jobs", "out", "resume", "overwrite", "merge")
 
 
-def describe(config: PlacementStudyConfig) -> dict[str, Any]:
+def describe(config: TrialsConfig) -> dict[str, Any]:
     """Return the content of config.json, as it will be read back."""
     options = asdict(config)
+    options |= options.pop("learning", {})
     for name in _OF_ONE_CALL:
         del options[name]
-    # All runs of a study learn in the same way.
-    run_config = config.run_config(config.tasks[0], config.strategies[0])
+    problems = {
+        name: asdict(problem_settings(config.run_config(config.tasks[0], name)))
+        for name in config.compared
+    }
+    first = problems[config.compared[0]]
+    is_same = all(problem == first for problem in problems.values())
     content = {
         "format": CONFIG_FORMAT,
-        "command": _COMMAND,
+        "command": f"study {config.name}",
         "options": options,
-        "resolved": {"problem": asdict(problem_settings(run_config))},
+        "resolved": {"problem": first if is_same else problems},
         "versions": package_versions(),
     }
     return json.loads(json.dumps(content))
@@ -56,7 +70,7 @@ def first_difference(found: Mapping[str, Any], expected: Mapping[str, Any]) -> s
     return ""
 
 
-def read_settings(folder: Path) -> tuple[PlacementStudyConfig, dict[str, Any]]:
+def read_settings(folder: Path) -> tuple[TrialsConfig, dict[str, Any]]:
     """Read the settings of a study; return them parsed and as they stand.
 
     Raises:
@@ -64,24 +78,46 @@ def read_settings(folder: Path) -> tuple[PlacementStudyConfig, dict[str, Any]]:
     """
     content = read_json(folder / CONFIG, CONFIG_FORMAT)
     try:
-        options: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in content["options"].items()
-        }
-        config = PlacementStudyConfig(**options)
-        for name in ("num_trials", "num_queries", "seed"):
-            if type(options[name]) is not int:
-                raise ValueError(f"{name} must be a whole number")
-        for names, known in (
-            (config.tasks, TASKS),
-            (config.strategies, STRATEGIES),
-            ((config.preset,), PRESETS),
-        ):
-            if unknown := set(names) - set(known):
-                raise ValueError(f"{unknown.pop()!r} is unknown")
+        command, _, name = str(content["command"]).partition(" ")
+        if command != "study" or name not in STUDIES:
+            raise ValueError(f"its command is {content['command']!r:.80}")
+        config = _parse(STUDIES[name], content["options"])
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InvalidFile(
-            f"'{folder / CONFIG}' is not of a placement study: {error}; name the "
-            "folders that the shards were written to"
+            f"'{folder / CONFIG}' is not of a study: {error}; name the folders that the "
+            "shards were written to"
         ) from error
     return config, content
+
+
+def _parse(study: type[TrialsConfig], found: Mapping[str, Any]) -> TrialsConfig:
+    """Build the settings of a study from options, which may be anything."""
+    options: dict[str, Any] = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in found.items()
+    }
+    if issubclass(study, PlacementStudyConfig):
+        learning = {name: options.pop(name) for name in _LEARNING}
+        options["learning"] = LearningConfig(**learning)
+    config = study(**options)
+    for name in ("num_trials", "num_queries", "seed"):
+        if type(options[name]) is not int:
+            raise ValueError(f"{name} must be a whole number")
+    for names, known in _choices(config):
+        if unknown := set(names) - set(known):
+            raise ValueError(f"{unknown.pop()!r} is unknown")
+    return config
+
+
+def _choices(config: TrialsConfig) -> Iterator[tuple[tuple[Any, ...], tuple[Any, ...]]]:
+    """Yield names that were chosen, and those that there are."""
+    yield config.tasks, get_args(TaskName)
+    is_calibration = config.column == "teacher"
+    yield config.compared, get_args(TeacherName if is_calibration else StrategyName)
+    if isinstance(config, PlacementStudyConfig):
+        learning = config.learning
+        yield (config.preset,), get_args(PresetName)
+        yield (learning.likelihood,), (None, *get_args(LikelihoodName))
+        yield (learning.guess,), (None, "map", "mean")
+        yield (learning.teacher,), get_args(TeacherName)
+        yield (learning.truth,), ("task", "prior")

@@ -25,9 +25,8 @@ class ValidationSet:
 
     @classmethod
     def of_problem(cls, problem: PlacementProblem, layouts: Array) -> "ValidationSet":
-        """Let the task's true weights place the item in every layout."""
-        placements = problem.best_placements(problem.task.true_weights[None], layouts)
-        return cls(layouts, problem.widths, placements[:, 0])
+        """Let the person place the item in every layout, without error."""
+        return cls(layouts, problem.widths, problem.wishes(layouts))
 
     def placement_errors(self, weights: Array) -> Array:
         """Return the placement error in every layout, shape (L,), in table units.

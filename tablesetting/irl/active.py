@@ -1,6 +1,6 @@
 """The active loop of the paper's Algorithm 1, for any domain."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Generic, Protocol, TypeVar
@@ -8,25 +8,13 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 
 from tablesetting.irl.arrays import Array
+from tablesetting.irl.outlook import Outlook
 from tablesetting.irl.posterior import Posterior
-from tablesetting.irl.risk import value_at_risk
+from tablesetting.irl.risk import RiskConfig, value_at_risk
+from tablesetting.irl.strategies import Strategy
 
 QueryT = TypeVar("QueryT")
 DemoT = TypeVar("DemoT")
-
-
-@dataclass(frozen=True)
-class RiskConfig:
-    """Which quantile of the loss is the risk."""
-
-    alpha: float = 0.95
-    """Quantile of the worst case, in (0, 1)."""
-    rank_offset: int = 0
-    """Added to the rank of the order statistic; 1 in the authors' released code."""
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.alpha < 1.0:
-            raise ValueError(f"`alpha` must be in (0, 1); got {self.alpha}")
 
 
 class Problem(Protocol[QueryT, DemoT]):
@@ -48,35 +36,13 @@ class Problem(Protocol[QueryT, DemoT]):
         """Draw the candidate queries, Q of them."""
         ...
 
-    def policy_losses(self, queries: Sequence[QueryT], posterior: Posterior) -> Array:
-        """Return the loss of the MAP policy under each sample, shape (Q, N)."""
+    def outlook(self, queries: Sequence[QueryT], posterior: Posterior) -> Outlook:
+        """Return what the posterior says of the candidates."""
         ...
 
-    def demonstrate(self, query: QueryT) -> DemoT:
+    def demonstrate(self, query: QueryT, *, rng: np.random.Generator) -> DemoT:
         """Ask the demonstrator."""
         ...
-
-
-Strategy = Callable[[Array, RiskConfig, np.random.Generator], Array]
-"""Maps losses, shape (Q, N), to scores, shape (Q,); the highest score is asked."""
-
-
-def score_active_var(
-    losses: Array, risk: RiskConfig, rng: np.random.Generator
-) -> Array:
-    """Score candidates by the alpha-VaR of their loss (the paper's Algorithm 1)."""
-    return value_at_risk(losses, risk.alpha, rank_offset=risk.rank_offset)
-
-
-def score_random(losses: Array, risk: RiskConfig, rng: np.random.Generator) -> Array:
-    """Score candidates at random: the baseline."""
-    return rng.random(len(losses))
-
-
-STRATEGIES: dict[str, Strategy] = {
-    "active-var": score_active_var,
-    "random": score_random,
-}
 
 
 @dataclass(frozen=True)
@@ -87,6 +53,7 @@ class Round(Generic[QueryT, DemoT]):
         demos: The demonstrations so far.
         posterior: The posterior given these.
         candidates: The queries that were weighed, Q of them.
+        outlook: What the posterior says of them.
         var: Value at risk of each candidate, shape (Q,).
         scores: The strategy's score of each candidate, shape (Q,).
         inference_seconds: Time that the posterior took.
@@ -96,6 +63,7 @@ class Round(Generic[QueryT, DemoT]):
     demos: tuple[DemoT, ...]
     posterior: Posterior
     candidates: Sequence[QueryT]
+    outlook: Outlook
     var: Array
     scores: Array
     inference_seconds: float
@@ -148,15 +116,19 @@ def run_active(
         posterior = problem.infer(collected, posterior, rng=infer_rng)
         inferred = perf_counter()
         candidates = problem.propose_queries(collected, rng=propose_rng)
-        losses = problem.policy_losses(candidates, posterior)
+        outlook = problem.outlook(candidates, posterior)
+        var = value_at_risk(outlook.losses, risk.alpha, rank_offset=risk.rank_offset)
         latest = Round(
             demos=collected,
             posterior=posterior,
             candidates=candidates,
-            var=value_at_risk(losses, risk.alpha, rank_offset=risk.rank_offset),
-            scores=strategy(losses, risk, strategy_rng),
+            outlook=outlook,
+            var=var,
+            scores=strategy(outlook, risk, strategy_rng),
             inference_seconds=inferred - started,
             query_seconds=perf_counter() - inferred,
         )
         yield latest
-        collected += (problem.demonstrate(latest.query),)
+        # A child leaves what its parent draws as it is.
+        (teacher_rng,) = strategy_rng.spawn(1)
+        collected += (problem.demonstrate(latest.query, rng=teacher_rng),)

@@ -1,8 +1,83 @@
-"""How far a set of Markov chains can be trusted."""
+"""How far a set of Markov chains can be trusted.
+
+The diagnostics of Vehtari, Gelman, Simpson, Carpenter and Bürkner, "Rank-normalization,
+folding, and localization: an improved R-hat" (*Bayesian Analysis* 16, 2021), which asks
+for an R-hat below 1.01 and a bulk and a tail ESS above 100 for each chain.
+"""
 
 import numpy as np
 
-from tablesetting.irl.arrays import Array
+from tablesetting.irl.arrays import Array, Booleans, Indices
+
+# Of AS 241, the highest power first: numerator and denominator where |p - 1/2| is at
+# most 0.425,
+_CENTER = (
+    (2509.0809287301226727, 33430.575583588128105, 67265.770927008700853)
+    + (45921.953931549871457, 13731.693765509461125, 1971.5909503065514427)
+    + (133.14166789178437745, 3.387132872796366608),
+    (5226.495278852854561, 28729.085735721942674, 39307.89580009271061)
+    + (21213.794301586595867, 5394.1960214247511077, 687.1870074920579083)
+    + (42.313330701600911252, 1.0),
+)
+# and nearer to 0 or 1.
+_TAIL = (
+    (7.7454501427834140764e-4, 0.0227238449892691845833, 0.24178072517745061177)
+    + (1.27045825245236838258, 3.64784832476320460504, 5.7694972214606914055)
+    + (4.6303378461565452959, 1.42343711074968357734),
+    (1.05075007164441684324e-9, 5.475938084995344946e-4, 0.0151986665636164571966)
+    + (0.14810397642748007459, 0.68976733498510000455, 1.6763848301838038494)
+    + (2.05319162663775882187, 1.0),
+)
+
+
+def rank_normalized_rhat(chains: Array) -> float:
+    r"""Compare half-chains by the ranks of their draws: in place, and in spread.
+
+    The larger of two split R-hats: of the rank-normalised draws, and of the
+    rank-normalised distances :math:`|x - \mathrm{median}|`, "folded". The second sees
+    chains of one mean but different variances; neither needs moments to exist.
+
+    Args:
+        chains: States, shape (C, S, D) with at least 4 steps.
+
+    Returns:
+        The largest over the dimensions, 1 once the chains have mixed; infinity where
+        half-chains stand still apart.
+    """
+    halves = _split(chains)
+    folded = np.abs(halves - np.median(halves, axis=(0, 1)))
+    return _rhat(rank_normalize(np.concatenate([halves, folded], axis=2)))
+
+
+def bulk_ess(chains: Array) -> float:
+    """Estimate what the draws are worth for the mean or the median.
+
+    Args:
+        chains: States, shape (C, S, D) with at least 4 steps.
+
+    Returns:
+        The smallest effective sample size of the rank-normalised draws over the
+        dimensions, in [1, C S]; 1 where nothing moves.
+    """
+    return _ess(rank_normalize(_split(chains)))
+
+
+def tail_ess(chains: Array) -> float:
+    r"""Estimate what the draws are worth for the 5 % and the 95 % quantile.
+
+    The effective sample size of the indicators :math:`x \le q`, or of :math:`x < q`
+    where no draw lies above the quantile, as where one value is taken very often.
+
+    Args:
+        chains: States, shape (C, S, D) with at least 4 steps.
+
+    Returns:
+        The smallest over both quantiles and the dimensions, in [1, C S]; 1 where
+        nothing moves.
+    """
+    quantiles = np.quantile(chains, [0.05, 0.95], axis=(0, 1), method="lower")
+    indicators = [_is_below(chains, quantile) for quantile in quantiles]
+    return effective_sample_size(np.concatenate(indicators, axis=2).astype(np.float64))
 
 
 def split_rhat(chains: Array) -> float:
@@ -17,36 +92,108 @@ def split_rhat(chains: Array) -> float:
     Returns:
         The largest split R-hat; infinity where half-chains stand still apart.
     """
-    halves = _split(chains)
-    length = halves.shape[1]
-    within = halves.var(axis=1, ddof=1).mean(axis=0)
-    between = length * halves.mean(axis=1).var(axis=0, ddof=1)
-    pooled = (length - 1) / length * within + between / length
-    moving = within > 0.0
-    if not moving.all() and (between[~moving] > 0.0).any():
-        return float("inf")
-    return float(np.sqrt(pooled[moving] / within[moving]).max(initial=1.0))
+    return _rhat(_split(chains))
 
 
 def effective_sample_size(chains: Array) -> float:
-    """Estimate how many independent draws the worst dimension is worth.
+    """Estimate how many independent draws the worst dimension is worth for its mean.
 
     Autocorrelations are pooled over the half-chains and summed by Geyer's initial
-    monotone sequence, as in Gelman et al. (2013), section 11.5.
+    monotone sequence, as Vehtari et al. and Stan do it.
 
     Args:
         chains: States, shape (C, S, D) with at least 4 steps.
 
     Returns:
-        The smallest effective sample size over the dimensions, in [1, C S].
+        The smallest effective sample size over the dimensions, in [1, C S]; 1 where
+        nothing moves.
     """
-    halves = _split(chains)
+    return _ess(_split(chains))
+
+
+def rank_normalize(chains: Array) -> Array:
+    r"""Give the draws of each dimension the quantiles of a normal distribution.
+
+    Args:
+        chains: States, shape (C, S, D).
+
+    Returns:
+        :math:`\Phi^{-1}((r - 3/8) / (n + 1/4))` of the ranks r among all n = C S draws,
+        which equal draws share, shape (C, S, D).
+    """
+    draws = np.ascontiguousarray(chains.reshape(-1, chains.shape[2]).T)
+    num_draws = draws.shape[1]
+    # A shared rank is a multiple of 1/2, so few quantiles are needed.
+    ranks = 1.0 + np.arange(2 * num_draws - 1) / 2.0
+    quantiles = normal_quantile((ranks - 3.0 / 8.0) / (num_draws + 1.0 / 4.0))
+    order = draws.argsort(axis=1)
+    ends = _first_plus_last(np.take_along_axis(draws, order, axis=1))
+    np.put_along_axis(draws, order, quantiles[ends], axis=1)
+    return draws.T.reshape(chains.shape)
+
+
+def normal_quantile(probabilities: Array) -> Array:
+    r"""Invert the distribution function of the standard normal, to rounding.
+
+    Algorithm AS 241 of Wichura, *Applied Statistics* 37 (1988), less its last branch.
+
+    Args:
+        probabilities: Each further than 1.4e-11 from 0 and from 1, any shape.
+
+    Returns:
+        :math:`\Phi^{-1}(p)`, the same shape.
+    """
+    offsets = probabilities - 0.5
+    center = np.maximum(0.425**2 - offsets**2, 0.0)
+    nearest = np.minimum(probabilities, 1.0 - probabilities)
+    tail = np.maximum(np.sqrt(-np.log(nearest)) - 1.6, 0.0)
+    return np.where(
+        np.abs(offsets) <= 0.425,
+        offsets * np.polyval(_CENTER[0], center) / np.polyval(_CENTER[1], center),
+        np.sign(offsets) * np.polyval(_TAIL[0], tail) / np.polyval(_TAIL[1], tail),
+    )
+
+
+def _first_plus_last(ordered: Array) -> Indices:
+    """Add the first and the last index of each value in sorted rows, shape (D, N)."""
+    indices = np.arange(ordered.shape[1])
+    changes = ordered[:, 1:] != ordered[:, :-1]
+    first, last = np.zeros((2, *ordered.shape), dtype=np.intp)
+    first[:, 1:] = np.where(changes, indices[1:], 0)
+    last[:, -1] = indices[-1]
+    last[:, :-1] = np.where(changes, indices[:-1], indices[-1])
+    backwards = np.minimum.accumulate(last[:, ::-1], axis=1)
+    return np.maximum.accumulate(first, axis=1) + backwards[:, ::-1]
+
+
+def _is_below(chains: Array, quantile: Array) -> Booleans:
+    """Tell draws below a quantile, shape (D,), of each dimension, shape (C, S, D)."""
+    is_below = chains <= quantile
+    return np.where(is_below.all(axis=(0, 1)), chains < quantile, is_below)
+
+
+def _rhat(halves: Array) -> float:
+    """Return the largest R-hat of the half-chains as they are."""
+    length = halves.shape[1]
+    # Offsets: zero without rounding where nothing moves.
+    within = (halves - halves[:, :1]).var(axis=1, ddof=1).mean(axis=0)
+    means = (halves - halves[:1, :1]).mean(axis=1)
+    between = length * means.var(axis=0, ddof=1)
+    pooled = (length - 1) / length * within + between / length
+    moving = within > 0.0
+    if (between[~moving] > 0.0).any():
+        return float("inf")
+    return float(np.sqrt(pooled[moving] / within[moving]).max(initial=1.0))
+
+
+def _ess(halves: Array) -> float:
+    """Return the smallest effective sample size of the half-chains as they are."""
     num_halves, length, _ = halves.shape
     total = num_halves * length
-    autocovariance = _autocovariance(halves).mean(axis=0)
+    halves = halves - halves[:1, :1]
+    autocovariance = _autocovariance(halves)
     within = autocovariance[0] * length / (length - 1)
-    between = halves.mean(axis=1).var(axis=0, ddof=1)
-    pooled = autocovariance[0] + between
+    pooled = autocovariance[0] + halves.mean(axis=1).var(axis=0, ddof=1)
     if not (pooled > 0.0).all():
         return 1.0
     correlation = 1.0 - (within - autocovariance) / pooled
@@ -60,19 +207,25 @@ def _split(chains: Array) -> Array:
 
 
 def _autocovariance(chains: Array) -> Array:
-    """Return the biased autocovariance at each lag, shape (C, S, D)."""
+    """Return the biased autocovariance, the mean over the chains, shape (S, D)."""
     length = chains.shape[1]
     centered = chains - chains.mean(axis=1, keepdims=True)
     spectrum = np.fft.rfft(centered, n=2 * length, axis=1)
-    power = np.fft.irfft(np.abs(spectrum) ** 2, n=2 * length, axis=1)
-    return power[:, :length] / length
+    power = np.square(np.abs(spectrum)).mean(axis=0)
+    return np.fft.irfft(power, n=2 * length, axis=0)[:length] / length
 
 
 def _autocorrelation_time(correlation: Array) -> float:
-    """Sum the correlations, shape (S,), over pairs of lags while these stay positive."""
+    """Sum the correlations, shape (S,), over pairs of lags while these stay positive.
+
+    The first of the next pair counts once if it is positive: chains whose correlations
+    alternate would seem worse without.
+    """
     correlation = np.concatenate([[1.0], correlation[1:]])
     num_pairs = len(correlation) // 2
     pairs = correlation[: 2 * num_pairs].reshape(num_pairs, 2).sum(axis=1)
     negative = np.flatnonzero(pairs < 0.0)
-    pairs = pairs[: negative[0]] if negative.size else pairs
-    return max(1.0, float(2.0 * np.minimum.accumulate(pairs).sum() - 1.0))
+    end = int(negative[0]) if negative.size else num_pairs
+    rest = max(0.0, float(correlation[2 * end])) if negative.size else 0.0
+    total = float(np.minimum.accumulate(pairs[:end]).sum())
+    return max(1.0, 2.0 * total - 1.0 + rest)

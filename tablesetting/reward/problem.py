@@ -1,76 +1,23 @@
 """A placement task as a problem that the active loop can learn."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 
-from tablesetting.irl.active import RiskConfig
-from tablesetting.irl.arrays import Array, row_blocks
-from tablesetting.irl.posterior import Posterior, infer_posterior
-from tablesetting.irl.sampler import McmcConfig
+from tablesetting.irl.arrays import Array
+from tablesetting.irl.posterior import Posterior
+from tablesetting.irl.sampler import LogDensity
 from tablesetting.reward.climb import climb
+from tablesetting.reward.config import DEFAULT, PAPER, PlacementConfig
+from tablesetting.reward.inference import MODELS, infer_weights
 from tablesetting.reward.layout import LayoutSpace
-from tablesetting.reward.likelihood import (
-    BoltzmannConfig,
-    BoltzmannLikelihood,
-    Demonstration,
-)
+from tablesetting.reward.likelihood import Demonstration
+from tablesetting.reward.outlook import PlacementOutlook, placement_losses
 from tablesetting.reward.placement import best_placements
-from tablesetting.reward.rbf import RbfWidths, all_centers, rbf_features
+from tablesetting.reward.rbf import all_centers, rbf_features
 from tablesetting.reward.tasks import VASE, PlacementTask
-
-
-@dataclass(frozen=True)
-class PlacementConfig:
-    """How a placement preference is learned."""
-
-    candidates: Literal["any", "one-moved"] = "any"
-    """Layouts to choose the query from: anew, or the last one with one object moved."""
-    num_candidates: int = 50
-    """How many layouts to choose the query from."""
-    are_points: bool = False
-    """Whether objects are points that may overlap, as in the paper, rather than things
-    of true size that stand apart and leave the item room."""
-    boltzmann: BoltzmannConfig = field(default_factory=BoltzmannConfig)
-    """Model of the demonstrator."""
-    mcmc: McmcConfig = field(default_factory=McmcConfig)
-    """Sampler of the posterior."""
-    risk: RiskConfig = field(default_factory=RiskConfig)
-    """The quantile that bounds the loss."""
-    widths: RbfWidths = field(default_factory=RbfWidths)
-    """Widths of the RBFs."""
-
-    def __post_init__(self) -> None:
-        if self.num_candidates < 1:
-            raise ValueError(
-                f"`num_candidates` must be at least 1; got {self.num_candidates}"
-            )
-
-
-DEFAULT = PlacementConfig()
-"""Statistically sound, for things that can be set on a table."""
-
-PAPER = PlacementConfig(
-    candidates="one-moved",
-    are_points=True,
-    boltzmann=BoltzmannConfig(quadrature="lattice", resolution=10),
-    mcmc=McmcConfig(
-        num_chains=1,
-        num_steps=2500,
-        burn_in=0,
-        thin=25,
-        target_acceptance=None,
-        is_prior_uniform=False,
-        num_map_steps=0,
-        starts_at_map=True,
-    ),
-    risk=RiskConfig(rank_offset=1),
-)
-"""What reproduces the published curves."""
-
-PRESETS: dict[str, PlacementConfig] = {"default": DEFAULT, "paper": PAPER}
+from tablesetting.reward.teachers import ExactTeacher, Teacher
 
 
 class PlacementProblem:
@@ -79,9 +26,40 @@ class PlacementProblem:
     Queries are layouts, shape (K, 2) in table units; answers are `Demonstration`.
     """
 
-    def __init__(self, task: PlacementTask, config: PlacementConfig):
+    def __init__(
+        self,
+        task: PlacementTask,
+        config: PlacementConfig,
+        *,
+        teacher: Teacher | None = None,
+        deployment: Array | None = None,
+        log_prior: LogDensity | None = None,
+    ):
+        """Set up the problem.
+
+        Args:
+            task: Objects, item and true weights.
+            config: How to learn.
+            teacher: The simulated person who has these weights; exact if None.
+            deployment: Layouts such as the robot will meet, shape (T, K, 2), which
+                some strategies think ahead to; those candidates if None.
+            log_prior: Log density of the prior of weights; uniform if None.
+        """
+        if log_prior is not None and config.likelihood == "auto":
+            raise ValueError(
+                "`log_prior` goes with one likelihood: the evidence that auto weighs is "
+                "that under the uniform prior"
+            )
+        if log_prior is not None and config.noise.noise_spread > 0.0:
+            raise ValueError(
+                "`log_prior` goes with a fixed noise, whose steps are reversible; got "
+                f"`noise_spread` {config.noise.noise_spread}"
+            )
         self.task = task
         self.config = config
+        self.teacher: Teacher = teacher or ExactTeacher()
+        self._deployment = deployment
+        self._log_prior = log_prior
         self.space = LayoutSpace.of_task(task, are_points=config.are_points)
         self.widths = config.widths.per_center(len(task.objects))
 
@@ -93,11 +71,12 @@ class PlacementProblem:
         rng: np.random.Generator,
     ) -> Posterior:
         """Sample the posterior of the weights given the demonstrations."""
-        return infer_posterior(
-            BoltzmannLikelihood(demos, self.widths, self.config.boltzmann),
-            len(self.widths),
-            self.config.mcmc,
+        return infer_weights(
+            demos,
+            self.widths,
+            self.config,
             previous_map=None if previous is None else previous.map_weights,
+            log_prior=self._log_prior,
             rng=rng,
         )
 
@@ -111,27 +90,35 @@ class PlacementProblem:
         last = demos[-1].layout
         return list(self.space.sample_one_moved(last, num_layouts, rng=rng))
 
+    def outlook(
+        self, queries: Sequence[Array], posterior: Posterior
+    ) -> PlacementOutlook:
+        """Return what the posterior says of the candidates."""
+        layouts = np.asarray(queries)
+        deployment = layouts if self._deployment is None else self._deployment
+        return PlacementOutlook(
+            layouts, deployment, posterior, self.widths, self.config
+        )
+
     def policy_losses(self, queries: Sequence[Array], posterior: Posterior) -> Array:
-        """Return the distances between the best placements of the MAP and of each sample.
+        """Return the distances between the placements of the guess and of each sample.
 
         The loss of the paper's table task, shape (Q, N), in table units.
         """
-        weights = np.vstack([posterior.map_weights, posterior.weights])
-        layouts = np.asarray(queries)
-        losses = np.empty((len(layouts), len(posterior.weights)))
-        for block in row_blocks(len(layouts), len(weights)):
-            placements = self.best_placements(weights, layouts[block])
-            offsets = placements[:, 1:] - placements[:, :1]
-            losses[block] = np.hypot(offsets[..., 0], offsets[..., 1])
-        return losses
+        return placement_losses(np.asarray(queries), posterior, self.widths)
 
-    def demonstrate(self, query: Array) -> Demonstration:
-        """Show where the task's true weights want the item most.
+    def demonstrate(self, query: Array, *, rng: np.random.Generator) -> Demonstration:
+        """Show where the task's true weights want the item, as well as the teacher can.
 
         A wish: something may stand there.
         """
-        placement = self.best_placements(self.task.true_weights[None], query[None])
-        return Demonstration(query, placement[0, 0])
+        weights = self.task.true_weights
+        placement = self.teacher.show(weights, query, self.widths, rng=rng)
+        return Demonstration(query, placement)
+
+    def wishes(self, layouts: Array) -> Array:
+        """Return where the person wants the item in layouts, shape (L, 2)."""
+        return self.teacher.wishes(self.task.true_weights, layouts, self.widths)
 
     def best_placements(self, weights: Array, layouts: Array) -> Array:
         """Find the best placement of each reward in each layout, free or not.
@@ -181,11 +168,16 @@ def load_kernels() -> None:
     The first use of an installation compiles, for some seconds; to call this first keeps
     that out of what is timed, and out of processes that would all do the same.
     """
-    short = replace(
-        PAPER, num_candidates=1, mcmc=replace(PAPER.mcmc, num_steps=8, thin=1)
+    mcmc = replace(
+        PAPER.mcmc, num_steps=8, num_samples=4, num_particles=4, num_chains=4
     )
-    problem, rng = PlacementProblem(VASE, short), np.random.default_rng(0)
-    demo = problem.demonstrate(np.full((len(VASE.objects), 2), 0.5))
-    posterior = problem.infer([demo], None, rng=rng)
-    problem.policy_losses([demo.layout], posterior)
+    rng = np.random.default_rng(0)
+    for name in MODELS:
+        config = replace(
+            DEFAULT, likelihood=name, mcmc=replace(mcmc, starts_at_map=False)
+        )
+        problem = PlacementProblem(VASE, config)
+        demo = problem.demonstrate(np.full((len(VASE.objects), 2), 0.5), rng=rng)
+        posterior = problem.infer([demo], None, rng=rng)
+        problem.policy_losses([demo.layout], posterior)
     climb(np.zeros((1, 2)), np.eye(1), np.zeros((1, 1, 2)), np.ones(1))

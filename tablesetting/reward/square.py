@@ -71,7 +71,7 @@ def best_on_square(
         1.0 / widths,
         ticks,
         weights[:, num_objects:] @ on_table.T,
-        _near_best(weights, widths, ticks[1]),
+        climb_margins(weights, widths, ticks[1]),
     )
 
 
@@ -94,8 +94,8 @@ def square_optima(weights: Array, centers: Array, widths: Array) -> Optima:
     return Optima(points, rewards, sample)
 
 
-def _near_best(weights: Array, widths: Array, pitch: float) -> Array:
-    """Bound twice how far an optimum is above the nearest point of the grid, (N,).
+def climb_margins(weights: Array, widths: Array, pitch: float) -> Array:
+    """Bound twice how far optima are above the nearest point of the grid, shape (N,).
 
     No second derivative of a reward exceeds 2 |w|_1 / width, and no point is further
     from the grid than half a diagonal of its cells.

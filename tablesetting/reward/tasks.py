@@ -1,6 +1,6 @@
 """The tasks: which item, among which objects, and what the person wants."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -61,6 +61,15 @@ class PlacementTask:
                 f"task '{self.name}' has {len(self.table_weights)} table weights; "
                 f"give {len(TABLE_CENTERS)}"
             )
+
+    def wanting(self, weights: Array) -> "PlacementTask":
+        """Return the task with other true weights, shape (K + 9,)."""
+        num_objects = len(self.objects)
+        return replace(
+            self,
+            object_weights=tuple(weights[:num_objects].tolist()),
+            table_weights=tuple(weights[num_objects:].tolist()),
+        )
 
     @property
     def true_weights(self) -> Array:

@@ -10,25 +10,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import quick_cli
 
 from tablesetting import cli
 from tablesetting.experiments import study as study_module
-from tablesetting.experiments.placement_study import (
-    Trial,
-    all_trials,
-    columns,
-    run_trial,
-    shard_trials,
-)
+from tablesetting.experiments.placement_study import columns, run_trial
 from tablesetting.experiments.published import published_curves
 from tablesetting.experiments.setup import RunSetup
 from tablesetting.experiments.study_config import PlacementStudyConfig
-from tablesetting.irl.active import STRATEGIES, run_active
+from tablesetting.experiments.trials import Trial, all_trials, shard_trials
+from tablesetting.irl.active import run_active
+from tablesetting.irl.strategies import STRATEGIES
 from tablesetting.results import RunFolder
 from tablesetting.reward.layout import LayoutSpace
 from tablesetting.reward.tasks import VASE
 
 SMALL = ("--num-trials", "3", "--num-queries", "2", "--num-layouts", "20")
+TINY = ("--num-trials", "1", "--num-queries", "1", "--num-layouts", "3")
 SMALL_CONFIG = PlacementStudyConfig(num_trials=3, num_queries=2, num_layouts=20)
 
 
@@ -138,7 +136,7 @@ def test_the_bound_has_held_where_no_error_is_above_it(whole):
 
 
 def test_the_bound_over_the_test_layouts_is_given_on_request():
-    """The largest 96th of 100 distances from the MAP's placement, over these layouts."""
+    """The largest 96th of 100 distances from the guess's placement, over these layouts."""
     config = PlacementStudyConfig(
         num_trials=1, num_queries=3, num_layouts=40, test_bound=True
     )
@@ -150,7 +148,7 @@ def test_the_bound_over_the_test_layouts_is_given_on_request():
         problem, layouts = setup.problem, setup.validation.layouts
         rounds = run_active(
             problem,
-            [problem.demonstrate(setup.first_layout)],
+            [problem.demonstrate(setup.first_layout, rng=setup.teacher_rng)],
             STRATEGIES["active-var"],
             problem.config.risk,
             rng=setup.rng,
@@ -158,7 +156,7 @@ def test_the_bound_over_the_test_layouts_is_given_on_request():
         for row, latest in zip(rows, rounds, strict=False):
             posterior = latest.posterior
             found = problem.best_placements(posterior.weights, layouts)
-            best = problem.best_placements(posterior.map_weights[None], layouts)
+            best = problem.best_placements(posterior.guessed_weights[None], layouts)
             distances = np.sort(np.linalg.norm(found - best, axis=-1), axis=1)
             bound = distances[:, 95].max()
             assert row["test_var_bound"] == pytest.approx(bound, abs=1e-6)
@@ -272,7 +270,19 @@ def test_a_table_of_other_columns_is_refused_and_kept(whole, tmp_path, capsys, d
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("num_trials", 2.5), ("tasks", ["cup"]), ("preset", "mine")]
+    ("name", "value"),
+    [
+        ("num_trials", 2.5),
+        ("tasks", ["cup"]),
+        ("strategies", ["all", "random"]),
+        ("preset", "mine"),
+        ("likelihood", "best"),
+        ("guess", "middle"),
+        ("teacher", "me"),
+        ("truth", "mine"),
+        ("noise", 0),
+        ("beta", "much"),
+    ],
 )
 def test_settings_that_make_no_sense_are_refused(whole, tmp_path, capsys, name, value):
     folder = tmp_path / "study"
@@ -282,7 +292,7 @@ def test_settings_that_make_no_sense_are_refused(whole, tmp_path, capsys, name, 
     (folder / "config.json").write_text(json.dumps(config))
     merge = ["study", "placement", "--merge", str(folder), "--out", str(tmp_path / "m")]
     assert cli.main(merge) == 2
-    assert "is not of a placement study" in capsys.readouterr().err
+    assert "is not of a study" in capsys.readouterr().err
     assert study(folder, *SMALL, "--resume") == 2
     assert f"{name} = " in capsys.readouterr().err
 
@@ -327,6 +337,24 @@ def test_ctrl_c_in_compiled_code_is_an_interruption(tmp_path, monkeypatch, capsy
     assert "0 of 6 trials" in capsys.readouterr().err
 
 
+def prepare(config):
+    """Return what a trial is about: how is learned, what is asked, shown and tested."""
+    trial = Trial("vase", 0)
+    run_config = config.run_config(trial.task, "random")
+    setup = RunSetup.of_config(run_config, trial.seeds(config.seed))
+    problem = setup.problem
+    demo = problem.demonstrate(setup.validation.layouts[0], rng=setup.teacher_rng)
+    queries = problem.propose_queries([demo], rng=setup.rng)
+    layouts = np.concatenate([setup.validation.layouts, np.array(queries)])
+    wishes = setup.validation.true_placements
+    return (
+        problem.config,
+        layouts.tolist(),
+        demo.placement.tolist(),
+        wishes.tolist(),
+    )
+
+
 @pytest.mark.parametrize(
     "option",
     [
@@ -340,19 +368,35 @@ def test_ctrl_c_in_compiled_code_is_an_interruption(tmp_path, monkeypatch, capsy
     ids=str,
 )
 def test_every_option_reaches_the_trial(option):
-    """Queries and tests of a trial are others with any other setting."""
-
-    def prepare(config):
-        trial = Trial("vase", 0)
-        run_config = config.run_config(trial.task, "random")
-        setup = RunSetup.of_config(run_config, trial.seeds(config.seed))
-        demo = setup.problem.demonstrate(setup.validation.layouts[0])
-        queries = setup.problem.propose_queries([demo], rng=setup.rng)
-        return np.concatenate([setup.validation.layouts, np.array(queries)])
-
+    """Queries, answers, tests or how is learned are others with any other setting."""
     usual = prepare(SMALL_CONFIG)
-    other = prepare(replace(SMALL_CONFIG, **option))
-    assert other.shape != usual.shape or not np.array_equal(other, usual)
+    assert prepare(SMALL_CONFIG) == usual
+    assert prepare(replace(SMALL_CONFIG, **option)) != usual
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        {"likelihood": "boltzmann"},
+        {"likelihood": "auto"},
+        {"guess": "map"},
+        {"noise": 0.02},
+        {"noise_spread": 0.1},
+        {"beta": 20.0},
+        {"beta_spread": 0.1},
+        {"target_ess": 100.0},
+        {"max_rhat": 1.1},
+        {"num_steps": 5000},
+        {"teacher": "noisy"},
+        {"truth": "prior"},
+        {"points": True},
+    ],
+    ids=str,
+)
+def test_every_option_of_learning_reaches_the_trial(option):
+    config = replace(SMALL_CONFIG, preset="default")
+    learning = replace(config.learning, **option)
+    assert prepare(replace(config, learning=learning)) != prepare(config)
 
 
 def test_tasks_and_trials_have_streams_of_their_own():
@@ -486,6 +530,103 @@ def test_an_interrupted_study_says_how_to_go_on(tmp_path, monkeypatch, capsys):
     assert "2 of 6 trials" in error
     assert "--resume" in error
     assert len(rows_of(tmp_path / "study")) == 2 * 6
+
+
+ANOTHER = ("--preset", "default", "--likelihood", "placement", "--points")
+ANOTHER += ("--teacher", "noisy", "--truth", "prior", "--candidates", "any")
+ANOTHER += ("--beta", "50", "--num-candidates", "4")
+
+
+def quick_study(out, *options):
+    """Carry out another study with short chains."""
+    argv = ["study", "placement", "--out", str(out), "--jobs", "1"]
+    return quick_cli.main([*argv, *TINY, *ANOTHER, *options])
+
+
+@pytest.fixture(scope="module")
+def another(tmp_path_factory):
+    """A study of other people, of whom something else is assumed."""
+    folder = tmp_path_factory.mktemp("studies") / "another"
+    assert quick_study(folder) == 0
+    return folder
+
+
+def test_a_study_may_be_of_other_people_and_another_likelihood(another):
+    assert len(rows_of(another)) == 2 * 2 * 2
+    config = json.loads((another / "config.json").read_text())
+    options, problem = config["options"], config["resolved"]["problem"]
+    assert "learning" not in options
+    expected = {"likelihood": "placement", "teacher": "noisy", "points": True}
+    expected |= {"candidates": "any", "beta": 50.0, "noise": 0.01, "truth": "prior"}
+    assert {name: options[name] for name in expected} == expected
+    assert problem["likelihood"] == "placement"
+    assert problem["boltzmann"]["beta"] == 50.0
+    summary = json.loads((another / "summary.json").read_text())
+    assert summary["published"]["num_points"] == 0  # Of another experiment.
+    title, *_ = (another / "comparison.md").read_text().splitlines()
+    for setting in (
+        "likelihood placement",
+        "beta 50.0",
+        "teacher noisy",
+        "points True",
+    ):
+        assert setting in title
+    assert "noise" not in title
+
+
+def test_options_of_learning_are_kept_by_resume(another, tmp_path, capsys):
+    folder = tmp_path / "study"
+    shutil.copytree(another, folder)
+    table = folder / "rounds.csv"
+    table.write_text("".join(table.read_text().splitlines(keepends=True)[:5]))
+    assert quick_study(folder, "--resume") == 0
+    assert rows_of(folder) == rows_of(another)
+    changes = [
+        ("--teacher", "exact", "teacher = 'noisy', not 'exact'"),
+        ("--likelihood", "boltzmann", "likelihood = 'placement', not 'boltzmann'"),
+        ("--beta", "60", "beta = 50.0, not 60.0"),
+        ("--noise-spread", "0.5", "noise_spread = 0.0, not 0.5"),
+    ]
+    capsys.readouterr()
+    for option, value, message in changes:
+        assert quick_study(folder, option, value, "--resume") == 2
+        assert message in capsys.readouterr().err
+    assert rows_of(folder) == rows_of(another)
+
+
+def test_options_of_learning_are_kept_by_merge(another, tmp_path, capsys):
+    parts = [str(tmp_path / f"part{index}") for index in (1, 2)]
+    for index, part in enumerate(parts, start=1):
+        assert quick_study(part, "--shard", f"{index}/2") == 0
+    merge = ["study", "placement", "--out", str(tmp_path / "merged"), "--merge"]
+    assert quick_cli.main([*merge, *parts]) == 0
+    assert rows_of(tmp_path / "merged") == rows_of(another)
+    settings = (tmp_path / "merged" / "config.json").read_text()
+    assert settings == (another / "config.json").read_text()
+    file = tmp_path / "part2" / "config.json"
+    config = json.loads(file.read_text())
+    config["options"]["noise_spread"] = 0.5
+    file.write_text(json.dumps(config))
+    capsys.readouterr()
+    assert quick_cli.main([*merge, *parts, "--overwrite"]) == 2
+    assert "noise_spread = 0.5, not 0.0" in capsys.readouterr().err
+    del config["options"]["noise_spread"]
+    file.write_text(json.dumps(config))
+    assert quick_cli.main([*merge, *parts, "--overwrite"]) == 2
+    assert "'noise_spread'" in capsys.readouterr().err
+
+
+def test_all_strategies_are_compared_on_request(tmp_path):
+    options = ("--tasks", "vase", "--num-trials", "1", "--num-queries", "0")
+    options += ("--num-layouts", "3", "--strategies", "all")
+    assert study(tmp_path / "study", *options) == 0
+    assert [row["strategy"] for row in rows_of(tmp_path / "study")] == list(STRATEGIES)
+    text = (tmp_path / "study" / "comparison.md").read_text()
+    for strategy in STRATEGIES:
+        assert f"| {strategy}, mean error |" in text
+    before = (tmp_path / "study" / "rounds.csv").read_text()
+    assert study(tmp_path / "study", *options, "--resume") == 0
+    assert (tmp_path / "study" / "rounds.csv").read_text() == before
 
 
 @pytest.mark.slow

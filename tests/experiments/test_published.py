@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from tablesetting.curves import Curve, CurveKey
+from tablesetting.curves import Curve, CurveKey, Reach
 from tablesetting.experiments.comparison import compare
 from tablesetting.experiments.published import differences, published_curves
 
@@ -49,7 +49,7 @@ def test_the_comparison_says_how_many_points_are_within_their_bars():
     curves = OURS | {held: Curve(STEPS[:2], np.array([1.0, 0.5]), np.zeros(2), 9)}
     found = list(differences(OURS, PUBLISHED))
     gain = Curve(STEPS[:2], np.array([0.0, 0.02]), np.full(2, 0.03), 9)
-    text = compare("9 trials", curves, found, {"vase": {"random": gain}})
+    text = compare("9 trials", curves, found, {"vase": {"random": gain}}, {})
     assert "1 of 2 points" in text
     for row in (
         "| after demonstrations | 1 | 2 |",
@@ -63,6 +63,25 @@ def test_the_comparison_says_how_many_points_are_within_their_bars():
 
 
 def test_nothing_is_compared_where_the_settings_are_not_the_papers():
-    text = compare("9 trials", OURS, [], {})
+    text = compare("9 trials", OURS, [], {}, {})
     assert "paper" not in text
     assert "| active-var, mean error | 0.450 | 0.100 |" in text
+
+
+def test_the_comparison_says_how_many_demonstrations_small_errors_take():
+    reached = [
+        Reach("active-var", 0.05, 3.5, 0.25, 0.7, 0.041),
+        Reach("random", 0.05, 5.0, 0.5, 1.0, 0.0),
+        Reach("active-var", 0.02, 6.0, 0.3, 0.75, 0.05),
+        Reach("random", 0.02, 8.0, 0.4, 1.0, 0.0),
+    ]
+    text = compare("9 trials", OURS, [], {"vase": {}}, {"vase": reached})
+    assert (
+        "| demonstrations to a mean error of | 0.05 | of random's | 0.02 | of random's |"
+        "\n|---|---|---|---|---|"
+        "\n| active-var | 3.50 ± 0.25 | 70% ± 4% | 6.00 ± 0.30 | 75% ± 5% |"
+        "\n| random | 5.00 ± 0.50 |  | 8.00 ± 0.40 |  |\n"
+    ) in text
+    alone = [Reach("cvar", 0.05, 3.5, 0.25, None, None)]
+    text = compare("9 trials", OURS, [], {"vase": {}}, {"vase": alone})
+    assert "| cvar | 3.50 ± 0.25 |  |" in text

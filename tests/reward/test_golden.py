@@ -8,26 +8,38 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tablesetting.irl.active import STRATEGIES, run_active
-from tablesetting.reward.problem import PRESETS, PlacementProblem
+from tablesetting.irl.active import run_active
+from tablesetting.irl.strategies import STRATEGIES
+from tablesetting.reward.config import PRESETS
+from tablesetting.reward.problem import PlacementProblem
 from tablesetting.reward.tasks import TASKS
 
 GOLDEN = Path(__file__).parents[1] / "data" / "golden_sessions.json"
 
 
+def name_of(session):
+    settings = session["settings"]
+    return "-".join(settings[name] for name in ("preset", "likelihood", "task"))
+
+
 def play(settings):
     """Return what every round of a session found and asked."""
     config = PRESETS[settings["preset"]]
-    config = replace(config, mcmc=replace(config.mcmc, **settings["mcmc"]))
+    config = replace(
+        config,
+        likelihood=settings["likelihood"],
+        mcmc=replace(config.mcmc, **settings["mcmc"]),
+    )
     problem = PlacementProblem(TASKS[settings["task"]], config)
     strategy = STRATEGIES[settings["strategy"]]
     rng = np.random.default_rng(settings["seed"])
-    first = problem.demonstrate(problem.space.sample(1, rng=rng)[0])
+    first = problem.demonstrate(problem.space.sample(1, rng=rng)[0], rng=rng)
     rounds = run_active(problem, [first], strategy, config.risk, rng=rng)
     return [
         {
             "placement": latest.demos[-1].placement.tolist(),
             "map_weights": latest.posterior.map_weights.tolist(),
+            "mean_weights": latest.posterior.mean_weights.tolist(),
             "acceptance_rate": latest.posterior.acceptance_rate,
             "ess": latest.posterior.ess,
             "var_bound": latest.var_bound,
@@ -37,7 +49,7 @@ def play(settings):
     ]
 
 
-@pytest.mark.parametrize("session", json.loads(GOLDEN.read_text()))
+@pytest.mark.parametrize("session", json.loads(GOLDEN.read_text()), ids=name_of)
 def test_session_is_as_it_was(session):
     rounds = play(session["settings"])
     assert len(rounds) == len(session["rounds"])

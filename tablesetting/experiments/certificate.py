@@ -1,0 +1,84 @@
+"""What a run can be relied on for, as certificate.json has it."""
+
+import hashlib
+import json
+import math
+from typing import Any
+
+from tablesetting.experiments.learning import LearningRound
+from tablesetting.results import package_versions
+from tablesetting.reward.files import demonstrations_to_json
+
+CERTIFICATE_FORMAT = "tablesetting-certificate/1"
+
+
+def certificate_to_json(latest: LearningRound) -> dict[str, Any]:
+    """Return the content of certificate.json for the last round of a run."""
+    setup, bound = latest.setup, latest.bound
+    problem, posterior = setup.problem, latest.learning.posterior
+    config = problem.config
+    return {
+        "format": CERTIFICATE_FORMAT,
+        "certified": not latest.doubts,
+        "doubts": latest.doubts,
+        "claim": (
+            f"in each of {bound.num_situations} layouts the item is wanted less than "
+            f"epsilon from where the robot would put it, with posterior probability "
+            f"{bound.alpha:g} at least; Monte Carlo error makes that wrong in a share "
+            f"{config.risk.delta:g} of runs at most, and it is only as true as the "
+            "model of the person"
+        ),
+        "task": problem.task.name,
+        "epsilon": setup.epsilon,
+        "bound": _finite(bound.value),
+        "var": bound.var,
+        "alpha": bound.alpha,
+        "delta": config.risk.delta,
+        "spending": {
+            "rule": "delta / (look (look + 1))",
+            "look": bound.look,
+            "delta": bound.delta,
+        },
+        "order": {"rank": bound.rank, "of": bound.num_draws},
+        "layouts": {"distribution": setup.distribution, "count": bound.num_situations},
+        "sampler": {
+            "num_samples": len(posterior.weights),
+            "bulk_ess": posterior.diagnosis.bulk_ess,
+            "tail_ess": posterior.diagnosis.tail_ess,
+            "rhat": _finite(posterior.diagnosis.rhat),
+            "has_mixed": posterior.is_sound,
+            "target_ess": config.mcmc.target_ess,
+            "max_rhat": config.mcmc.max_rhat,
+        },
+        "model": {
+            "likelihood": config.likelihood,
+            "shares": dict(posterior.shares),
+            "guess": posterior.guess,
+            "beta": config.boltzmann.beta,
+            "beta_spread": config.boltzmann.beta_spread,
+            "noise_std": config.noise.noise_std,
+            "noise_spread": config.noise.noise_spread,
+        },
+        "fit": {
+            "p_value": latest.fit.p_value,
+            "explained": latest.fit.explained,
+            "foretold": list(latest.fit.foretold),
+        },
+        "demonstrations": {
+            "count": latest.num_demos,
+            "sha256": hash_demonstrations(latest),
+        },
+        "versions": package_versions(),
+    }
+
+
+def hash_demonstrations(latest: LearningRound) -> str:
+    """Hash what demonstrations.json holds, without white space, keys in order."""
+    content = demonstrations_to_json(latest.learning.demos, latest.setup.problem.task)
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _finite(value: float) -> float | None:
+    """Return a number as JSON has it: none for infinity."""
+    return value if math.isfinite(value) else None
