@@ -125,7 +125,7 @@ def infer_posterior(
         else RandomWalk(log_likelihood, dim, config)
     )
     if log_prior is not None:
-        mover = WithPrior(mover, log_prior, dim)
+        mover = WithPrior(mover, log_prior)
     start = None
     if config.starts_at_map:
         center = np.zeros(dim) if previous_map is None else previous_map
@@ -201,7 +201,7 @@ def _log_post_beside(mover: Mover, state: Array, dim: int) -> LogDensity:
     def log_post(weights: Array) -> Array:
         others = np.broadcast_to(state[dim:], (len(weights), len(state) - dim))
         states = np.hstack([weights, others])
-        return mover.log_likelihood(states) + mover.log_prior(states)
+        return mover.log_likelihood(states) + mover.prior.log_density(states)
 
     return log_post
 

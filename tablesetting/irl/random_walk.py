@@ -11,8 +11,8 @@ from tablesetting.irl.sampler import (
     LogDensity,
     LogNormal,
     McmcConfig,
+    SpherePrior,
     Walk,
-    sample_uniform_weights,
 )
 
 
@@ -112,8 +112,7 @@ class RandomWalk:
         scale_prior: LogNormal | None = None,
     ):
         self.log_likelihood = log_likelihood
-        self._dim = dim
-        self._scale_prior = scale_prior
+        self.prior = SpherePrior(dim, scale_prior)
         self._config = config
         # The size needs the last quarter to settle on the final shape.
         self._last_reshape = 3 * config.burn_in // 4
@@ -122,19 +121,6 @@ class RandomWalk:
         self._log_step = math.log(config.step_std)
         self._visited: list[Array] = []  # Since the burn-in began.
         self._num_looks = 0  # At the acceptance, since the shape last changed.
-
-    def draw_prior(self, num: int, *, rng: np.random.Generator) -> Array:
-        """Draw states from the prior, shape (num, D + E)."""
-        weights = sample_uniform_weights(num, self._dim, rng=rng)
-        if self._scale_prior is None:
-            return weights
-        return np.hstack([weights, self._scale_prior.draw_log((num, 1), rng=rng)])
-
-    def log_prior(self, states: Array) -> Array:
-        """Evaluate the log prior of states, shape (..., D + E), but for a constant."""
-        if self._scale_prior is None:
-            return np.zeros(states.shape[:-1])
-        return self._scale_prior.log_density(states[..., self._dim])
 
     def take_steps(
         self,
@@ -149,9 +135,8 @@ class RandomWalk:
         proposals = self._propose(len(start), num_steps, power, rng)
         if isinstance(self.log_likelihood, Walker):
             return self.log_likelihood.walk(start, log_likelihoods, proposals)
-        return walk(
-            self.log_likelihood, start, log_likelihoods, proposals, self._scale_prior
-        )
+        scale_prior = self.prior.scale
+        return walk(self.log_likelihood, start, log_likelihoods, proposals, scale_prior)
 
     def adapt(self, walked: Walk, *, is_annealing: bool) -> None:
         """Learn size and shape of the steps from the last block of them.
@@ -188,7 +173,7 @@ class RandomWalk:
         noise = rng.standard_normal((*shape, len(self._factor)))
         return Proposals(
             steps=math.exp(self._log_step) * (noise @ self._factor.T),
-            squared_noise=np.square(noise[..., : self._dim]).sum(axis=-1),
+            squared_noise=np.square(noise[..., : self.prior.dim]).sum(axis=-1),
             log_uniforms=-rng.standard_exponential(shape),
             is_prior_uniform=self._config.is_prior_uniform,
             power=power,
@@ -198,7 +183,8 @@ class RandomWalk:
         """Take a covariance, shape (D + E, D + E), as the shape of steps."""
         covariance = covariance.copy()
         # Only the steps of the weights are scaled back: no other may go with them.
-        covariance[: self._dim, self._dim :] = covariance[self._dim :, : self._dim] = 0
+        dim = self.prior.dim
+        covariance[:dim, dim:] = covariance[dim:, :dim] = 0
         covariance += 1e-6 * np.eye(len(covariance))
         self._factor = np.linalg.cholesky(covariance).astype(np.float64)
         self._log_step = math.log(2.38 / math.sqrt(len(covariance)))

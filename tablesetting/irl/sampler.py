@@ -122,6 +122,29 @@ class LogNormal:
 
 
 @dataclass(frozen=True)
+class SpherePrior:
+    """Uniform prior of the weights on the L1 sphere, beside that of a scale."""
+
+    dim: int
+    """Number of weights, D."""
+    scale: LogNormal | None = None
+    """Prior of the scale whose logarithm follows the weights in a state, if any."""
+
+    def draw(self, num: int, *, rng: np.random.Generator) -> Array:
+        """Draw states, shape (num, D + E)."""
+        weights = sample_uniform_weights(num, self.dim, rng=rng)
+        if self.scale is None:
+            return weights
+        return np.hstack([weights, self.scale.draw_log((num, 1), rng=rng)])
+
+    def log_density(self, states: Array) -> Array:
+        """Evaluate the log density of states, shape (..., D + E), but for a constant."""
+        if self.scale is None:
+            return np.zeros(states.shape[:-1])
+        return self.scale.log_density(states[..., self.dim])
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """How far the chains can be trusted.
 
@@ -193,16 +216,13 @@ class Walk:
 class Mover(Protocol):
     """Takes the steps of several chains towards one posterior."""
 
-    def draw_prior(self, num: int, *, rng: np.random.Generator) -> Array:
-        """Draw states from the prior, shape (num, D + E)."""
+    @property
+    def prior(self) -> SpherePrior:
+        """The prior of the states."""
         ...
 
     def log_likelihood(self, states: Array) -> Array:
         """Evaluate the log likelihood of states, shape (C, D + E), as shape (C,)."""
-        ...
-
-    def log_prior(self, states: Array) -> Array:
-        """Evaluate the log prior of states, shape (..., D + E), but for a constant."""
         ...
 
     def take_steps(
@@ -256,7 +276,7 @@ def run_chains(
     if start is None and config.num_particles:
         start, log_evidence = _anneal(mover, config, rng=rng)
     elif start is None:
-        start = mover.draw_prior(config.num_chains, rng=rng)
+        start = mover.prior.draw(config.num_chains, rng=rng)
     trace = _Trace(mover, start)
     if not np.isfinite(trace.log_likelihoods).all():
         raise ValueError(_NO_START)
@@ -303,7 +323,7 @@ def _anneal(
     all modes of some mass that any of them was near. The evidence is the product of
     the means of :math:`L^{\Delta p}`.
     """
-    states = mover.draw_prior(config.num_particles, rng=rng)
+    states = mover.prior.draw(config.num_particles, rng=rng)
     log_likelihoods = mover.log_likelihood(states)
     if not np.isfinite(log_likelihoods).any():
         raise ValueError(_NO_START)
@@ -402,7 +422,9 @@ class _Trace:
         self._walks.append(walked)
         self._current = walked.states[-1]
         self.log_likelihoods = walked.log_likelihoods[-1]
-        log_posts = walked.log_likelihoods + self._mover.log_prior(walked.states)
+        log_posts = walked.log_likelihoods + self._mover.prior.log_density(
+            walked.states
+        )
         self._log_posts.append(log_posts)
         if log_posts.max() > self._best_log_post:
             best = np.unravel_index(log_posts.argmax(), log_posts.shape)
@@ -424,12 +446,10 @@ class WithPrior:
 
     _NUM_STEPS = 4  # That make up one proposal.
 
-    def __init__(self, mover: Mover, log_prior: LogDensity, num_weights: int):
+    def __init__(self, mover: Mover, log_prior: LogDensity):
         self._mover = mover
         self._log_density = log_prior
-        self._num_weights = num_weights
-        self.draw_prior = mover.draw_prior
-        self.log_prior = mover.log_prior
+        self.prior = mover.prior
         self.adapt = mover.adapt
 
     def log_likelihood(self, states: Array) -> Array:
@@ -437,7 +457,7 @@ class WithPrior:
         return self._mover.log_likelihood(states) + self._log_new_prior(states)
 
     def _log_new_prior(self, states: Array) -> Array:
-        return self._log_density(states[:, : self._num_weights])
+        return self._log_density(states[:, : self.prior.dim])
 
     def take_steps(
         self,

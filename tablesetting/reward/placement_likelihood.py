@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tablesetting.irl.arrays import Array
-from tablesetting.irl.sampler import LogNormal, McmcConfig, Walk, sample_uniform_weights
+from tablesetting.irl.sampler import LogNormal, McmcConfig, SpherePrior, Walk
 from tablesetting.reward import _kernels
 from tablesetting.reward.likelihood import Demonstration
 from tablesetting.reward.rbf import TABLE_CENTERS, all_centers, rbf_features
@@ -66,8 +66,7 @@ class PlacementLikelihood:
         ticks = grid_ticks(widths)
         nodes = rbf_features(grid_points(widths), centers, widths).swapaxes(1, 2)
         num_objects = layouts.shape[1]
-        self._dim = num_objects + len(TABLE_CENTERS)
-        self._noise_prior = config.noise_prior
+        self._prior = SpherePrior(num_objects + len(TABLE_CENTERS), config.noise_prior)
         self._features = _kernels.AnswerFeatures(
             config.noise_std,
             config.noise_spread,
@@ -97,7 +96,7 @@ class PlacementLikelihood:
 
     def mover(self, config: McmcConfig) -> "LocalWalk":
         """Return what takes the steps."""
-        return LocalWalk(self, self._dim, self._noise_prior)
+        return LocalWalk(self, self._prior)
 
     def walk(
         self, start: Array, proposals: _kernels.LocalProposals, power: float
@@ -125,28 +124,9 @@ class LocalWalk:
     weight: they cross from ridge to ridge. Implements `irl.sampler.Mover`.
     """
 
-    def __init__(
-        self,
-        likelihood: PlacementLikelihood,
-        dim: int,
-        noise_prior: LogNormal | None,
-    ):
+    def __init__(self, likelihood: PlacementLikelihood, prior: SpherePrior):
         self.log_likelihood = likelihood
-        self._dim = dim
-        self._noise_prior = noise_prior
-
-    def draw_prior(self, num: int, *, rng: np.random.Generator) -> Array:
-        """Draw states from the prior, shape (num, D + E)."""
-        weights = sample_uniform_weights(num, self._dim, rng=rng)
-        if self._noise_prior is None:
-            return weights
-        return np.hstack([weights, self._noise_prior.draw_log((num, 1), rng=rng)])
-
-    def log_prior(self, states: Array) -> Array:
-        """Evaluate the log prior of states, shape (..., D + E), but for a constant."""
-        if self._noise_prior is None:
-            return np.zeros(states.shape[:-1])
-        return self._noise_prior.log_density(states[..., self._dim])
+        self.prior = prior
 
     def take_steps(
         self,
@@ -167,20 +147,20 @@ class LocalWalk:
     def _propose(
         self, num_steps: int, num_chains: int, *, rng: np.random.Generator
     ) -> _kernels.LocalProposals:
-        shape = (num_steps, num_chains)
-        choice, moved = rng.random(shape), rng.integers(self._dim, size=shape)
+        dim, shape = self.prior.dim, (num_steps, num_chains)
+        choice, moved = rng.random(shape), rng.integers(dim, size=shape)
         is_local = choice < _SHARE_LOCAL
         is_isotropic = ~is_local & (choice < _SHARE_LOCAL + _SHARE_ISOTROPIC)
         sizes = rng.choice(_LOCAL_SCALES, size=shape, p=_SCALE_SHARES)
         least, largest = math.log(_LEAST_STEP), math.log(_LARGEST_STEP)
         return _kernels.LocalProposals(
-            noise=rng.standard_normal((*shape, self._dim)),
+            noise=rng.standard_normal((*shape, dim)),
             kinds=np.select(
                 [is_local, is_isotropic], [_kernels.LOCAL, _kernels.ISOTROPIC], moved
             ),
             scales=np.where(
                 is_local,
-                _LOCAL_SIZE / math.sqrt(self._dim) * sizes,
+                _LOCAL_SIZE / math.sqrt(dim) * sizes,
                 np.exp(rng.uniform(least, largest, size=shape)),
             ),
             log_uniforms=-rng.standard_exponential(shape),

@@ -1,7 +1,7 @@
 """Simulated people who show where an item goes, each erring in a way of their own.
 
-Learning assumes a Boltzmann-rational person with a reward of the class; these are to
-find out how much of it survives where people are not like that.
+A likelihood assumes a person of one kind, with a reward of the class; these are to find
+out how much of what is learned survives where people are not like that.
 """
 
 import math
@@ -25,7 +25,7 @@ class Teacher(Protocol):
 
     @property
     def is_well_specified(self) -> bool:
-        """Whether learning assumes such a person.
+        """Whether some likelihood assumes such a person.
 
         True where one reward of the class explains the answers to all layouts, but for
         noise that is rarer the worse the placement.

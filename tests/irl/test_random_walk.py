@@ -195,19 +195,19 @@ def test_weights_beside_a_scale_keep_their_uniform_prior():
 
 def test_prior_of_the_scale_is_part_of_the_state():
     mover = RandomWalk(flat, 3, ONE_BLOCK, SCALE_PRIOR)
-    states = mover.draw_prior(50, rng=np.random.default_rng(0))
+    states = mover.prior.draw(50, rng=np.random.default_rng(0))
     assert states.shape == (50, 4)
     np.testing.assert_allclose(np.abs(states[:, :3]).sum(axis=1), 1.0)
     expected = SCALE_PRIOR.log_density(states[:, 3])
-    np.testing.assert_array_equal(mover.log_prior(states), expected)
+    np.testing.assert_array_equal(mover.prior.log_density(states), expected)
     assert np.ptp(expected) > 0.5
 
 
 def test_prior_of_weights_alone_is_flat():
     mover = RandomWalk(flat, 3, ONE_BLOCK)
-    states = mover.draw_prior(50, rng=np.random.default_rng(0))
+    states = mover.prior.draw(50, rng=np.random.default_rng(0))
     assert states.shape == (50, 3)
-    np.testing.assert_array_equal(mover.log_prior(states), np.zeros(50))
+    np.testing.assert_array_equal(mover.prior.log_density(states), np.zeros(50))
 
 
 @pytest.mark.parametrize("target_acceptance", [0.15, 0.4])
@@ -291,7 +291,7 @@ def test_shape_adapts_in_the_burn_in_whether_annealed_or_not(num_particles):
     config = McmcConfig(num_steps=1100, num_particles=num_particles)
     mover = RandomWalk(flat, 3, config)
     rng = np.random.default_rng(0)
-    run_chains(WithPrior(mover, log_prior, 3), config, rng=rng)
+    run_chains(WithPrior(mover, log_prior), config, rng=rng)
     spreads = mover._propose(2, 1000, 1.0, rng).steps.std(axis=(0, 1))
     assert spreads[0] < 0.5 * spreads[1]
 

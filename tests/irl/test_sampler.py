@@ -111,13 +111,17 @@ class Counter:
         self.num_moved = []
         self.powers = []
 
-    def draw_prior(self, num, *, rng):
+    @property
+    def prior(self):
+        return self
+
+    def draw(self, num, *, rng):
         return np.zeros((num, 1))
 
     def log_likelihood(self, states):
         return -states[..., 0]
 
-    def log_prior(self, states):
+    def log_density(self, states):
         return np.zeros(states.shape[:-1])
 
     def take_steps(self, start, log_likelihoods, num_steps, power, *, rng):
@@ -141,7 +145,7 @@ class Aimless(Counter):
         super().__init__()
         self.moves = moves
 
-    def draw_prior(self, num, *, rng):
+    def draw(self, num, *, rng):
         return np.arange(float(num))[:, None]
 
     def log_likelihood(self, states):
@@ -205,7 +209,7 @@ def test_chain_of_the_paper_shuns_sparse_weights():
 
 def with_prior(log_likelihood, log_prior):
     mover = RandomWalk(log_likelihood, 2, UNANNEALED)
-    return WithPrior(mover, log_prior, 2)
+    return WithPrior(mover, log_prior)
 
 
 @pytest.mark.parametrize(
@@ -261,7 +265,7 @@ def test_a_prior_that_no_start_has_is_refused(num_particles):
 def test_another_prior_leaves_further_parameters_with_theirs():
     scale_prior = LogNormal(median=1.0, spread=0.5)
     config = replace(UNANNEALED, num_steps=1000)
-    mover = WithPrior(RandomWalk(flat, 2, config, scale_prior), tilted, 2)
+    mover = WithPrior(RandomWalk(flat, 2, config, scale_prior), tilted)
     chains = run_chains(mover, config, rng=np.random.default_rng(0))
     states = chains.states.reshape(-1, 3)
     expected = tilted(states[:, :2]) + scale_prior.log_density(states[:, 2])

@@ -259,7 +259,7 @@ def test_chains_take_the_compiled_steps(config):
     rng = np.random.default_rng(0)
     likelihood = BoltzmannLikelihood(random_demos(2, rng), WIDTHS, config)
     mcmc = McmcConfig(num_chains=2, num_steps=300, burn_in=100, num_samples=400)
-    start = likelihood.mover(mcmc).draw_prior(2, rng=rng)
+    start = likelihood.mover(mcmc).prior.draw(2, rng=rng)
     plain_mover = RandomWalk(likelihood.__call__, 13, mcmc, config.beta_prior)
     assert isinstance(likelihood, Walker)
     assert not isinstance(plain_mover.log_likelihood, Walker)

@@ -272,7 +272,7 @@ def test_a_walk_in_two_parts_is_one_walk(config):
     rng = np.random.default_rng(0)
     likelihood = PlacementLikelihood(random_demos(2, rng), WIDTHS, config)
     mover = likelihood.mover(McmcConfig())
-    start, proposals = mover.draw_prior(3, rng=rng), mover._propose(60, 3, rng=rng)
+    start, proposals = mover.prior.draw(3, rng=rng), mover._propose(60, 3, rng=rng)
     whole = likelihood.walk(start, proposals, 1.0)
     first, second = (
         type(proposals)(*(each[part] for each in proposals))
@@ -370,7 +370,7 @@ def walk_flatly(config, num_chains):
     rng = np.random.default_rng(0)
     likelihood = PlacementLikelihood(random_demos(1, rng), WIDTHS, config)
     mover = likelihood.mover(McmcConfig())
-    start = mover.draw_prior(num_chains, rng=rng)
+    start = mover.prior.draw(num_chains, rng=rng)
     return mover.take_steps(start, likelihood(start), 2000, 0.0, rng=rng).states
 
 
@@ -474,7 +474,7 @@ def calibrate(model, *, num_simulations, num_demos, num_steps):
     ranks = []
     for seed in range(num_simulations):
         rng = np.random.default_rng([0, seed])
-        truth = prior.draw_prior(1, rng=rng)[0]
+        truth = prior.prior.draw(1, rng=rng)[0]
         scale = math.exp(truth[13]) if len(truth) > 13 else fixed_scale
         demos = demonstrate(truth[:13], rng.random((num_demos, 4, 2)), scale, rng=rng)
         mover = likelihood_of(demos, WIDTHS, config).mover(mcmc)
