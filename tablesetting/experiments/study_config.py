@@ -240,6 +240,8 @@ class CalibrationStudyConfig(TrialsConfig):
     the loss at the tenth look. Runs have 400."""
     max_rhat: float = 1.05
     """R-hat that they must reach as well; runs have 1.01."""
+    num_steps: int = 15_000
+    """Most steps of each chain; runs have 50 000."""
 
     name: ClassVar[str] = "calibration"
     listed: ClassVar[str] = "teachers"
@@ -248,7 +250,9 @@ class CalibrationStudyConfig(TrialsConfig):
     def __post_init__(self) -> None:
         super().__post_init__()
         LearningConfig(
-            target_ess=self.target_ess, max_rhat=self.max_rhat
+            target_ess=self.target_ess,
+            max_rhat=self.max_rhat,
+            num_steps=self.num_steps,
         )  # May refuse.
 
     @property
@@ -269,6 +273,7 @@ class CalibrationStudyConfig(TrialsConfig):
                 noise=0.02 if teacher == "noisy" else 0.01,
                 target_ess=self.target_ess,
                 max_rhat=self.max_rhat,
+                num_steps=self.num_steps,
                 teacher=teacher,
                 truth="prior",
                 points=True,
