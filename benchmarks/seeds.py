@@ -13,20 +13,24 @@ from pathlib import Path
 import numpy as np
 
 from tablesetting import cli
-from tablesetting.results import ROUNDS, numbers, read_rows
+from tablesetting.experiments.certificate import CERTIFICATE_FORMAT
+from tablesetting.results import ROUNDS, numbers, read_json, read_rows
 
 
 def main() -> int:
     """Run all seeds anew; print the summary."""
     options, run_options = _parse_options()
-    rows, last_rows = [], []
+    rows, last_rows, num_certified = [], [], 0
     for seed in range(options.seeds):
         folder = options.out / f"{options.task}-{seed}"
         _run(options.task, seed, folder, run_options)
         found = read_rows(folder / ROUNDS)
         rows += found
         last_rows.append(found[-1])
+        certificate = read_json(folder / "certificate.json", CERTIFICATE_FORMAT)
+        num_certified += certificate["certified"]
     _print_learning(last_rows)
+    _print_trust(rows, num_certified, len(last_rows))
     _print_executions([row for row in rows if row["commanded_x"]])
     return 0
 
@@ -48,11 +52,23 @@ def _run(task: str, seed: int, folder: Path, options: list[str]) -> None:
 
 
 def _print_learning(rows: Sequence[Mapping[str, str]]) -> None:
-    print(f"{len(rows)} runs, after {rows[0]['num_demos']} demonstrations or fewer:")
-    for column in ("mean_placement_error", "max_placement_error", "var_bound"):
+    most = max(int(row["num_demos"]) for row in rows)
+    print(f"{len(rows)} runs, after {most} demonstrations or fewer:")
+    for column in (
+        *("mean_placement_error", "max_placement_error"),
+        *("var_bound", "deployment_bound", "num_demos"),
+    ):
         values = np.array(numbers(rows, column))
         error = values.std(ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.nan
         print(f"  {column:<24}{values.mean():.4f} +- {error:.4f} (standard error)")
+
+
+def _print_trust(
+    rows: Sequence[Mapping[str, str]], num_certified: int, num_runs: int
+) -> None:
+    print(f"{num_certified} of {num_runs} runs certified")
+    print(f"  effective sample size {min(numbers(rows, 'ess')):.0f} at least")
+    print(f"  R-hat {max(numbers(rows, 'rhat')):.4f} at most")
 
 
 def _print_executions(rows: Sequence[Mapping[str, str]]) -> None:

@@ -33,6 +33,7 @@ def plot_learning(rows: Sequence[Mapping[str, str]], title: str) -> Figure:
     axes = figure.subplots()
     num_demos = numbers(rows, "num_demos")
     for column, color, style, label in (
+        ("deployment_bound", _BOUND, "-", "bound over the deployment"),
         ("var_bound", _BOUND, "--", "0.95-VaR, worst candidate"),
         ("max_placement_error", _MAX, "-", "largest error, test layouts"),
         ("mean_placement_error", _MEAN, "-", "mean error, test layouts"),
@@ -75,7 +76,7 @@ def plot_query(
     image = axes.imshow(
         reward_map, origin="lower", extent=(0, 1, 0, 1), cmap="viridis", alpha=0.9
     )
-    figure.colorbar(image, ax=axes, label="MAP reward")
+    figure.colorbar(image, ax=axes, label="reward of the best guess")
     for name, outline in outlines.items():
         axes.plot(*outline.T, "o" if len(outline) == 1 else "-", color="white", lw=1.5)
         axes.annotate(

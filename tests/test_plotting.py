@@ -15,6 +15,7 @@ ROWS = [
         "mean_placement_error": str(0.3 / count),
         "max_placement_error": str(0.6 / count),
         "var_bound": "" if count == 3 else str(0.9 / count),
+        "deployment_bound": "inf" if count == 1 else str(1.2 / count),
     }
     for count in (1, 2, 3)
 ]
@@ -36,6 +37,9 @@ def test_learning_is_drawn_over_the_number_of_demonstrations():
     np.testing.assert_allclose(
         lines["0.95-VaR, worst candidate"].get_ydata(), [0.9, 0.45, np.nan]
     )
+    bound = lines["bound over the deployment"].get_ydata()
+    np.testing.assert_allclose(bound, [np.inf, 0.6, 0.4])
+    assert np.isfinite(axes.get_ylim()).all()
     assert axes.get_title() == "vase"
     assert "table units" in axes.get_ylabel()
     assert axes.get_ylim()[0] == 0.0

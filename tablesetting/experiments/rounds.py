@@ -118,6 +118,7 @@ def round_view(latest: RunRound, problem: PlacementProblem, strategy: str) -> Ro
         robot_placement=latest.placement,
         demo_placement=None if latest.stopped else latest.truth,
         var_bound=learning.var_bound,
+        deployment_bound=latest.state.bound.value,
         mean_placement_error=float(latest.errors.mean()),
         max_placement_error=float(latest.errors.max()),
         reason=explain_query(latest, strategy),

@@ -42,7 +42,7 @@ def run_blueprint() -> rrb.Blueprint:
 def _scene() -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
         origin=entities.WORLD,
-        name="Table, with the MAP reward in the queried layout (yellow is high)",
+        name="Table, with the guessed reward in the queried layout (yellow is high)",
         background=(232, 235, 240),
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(

@@ -12,7 +12,7 @@ FIGURES_TITLE = "## Final figures"
 """Heads what only a finished run has."""
 
 _LEGEND = (
-    "On the table lies the reward of the MAP hypothesis, yellow where it is high. "
+    "On the table lies the reward of the best guess, yellow where it is high. "
     "Magenta marks the demonstration, white the best placement under that reward, "
     "orange the commanded placement and red the place where the item settled."
 )
@@ -73,4 +73,6 @@ def _flatten(rows: Mapping[str, object]) -> dict[str, object]:
 
 
 def _cell(value: object) -> str:
+    if isinstance(value, list):
+        return "; ".join(map(str, value)) or "none"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -29,12 +29,10 @@ class Marker:
 DEMONSTRATION = Marker(
     entities.DEMONSTRATION, "demonstration", (255, 60, 200), 0.052, 0.39
 )
-MAP_PLACEMENT = Marker(
-    entities.MAP_PLACEMENT, "MAP placement", (255, 255, 255), 0.046, 0.34
-)
+GUESS = Marker(entities.GUESS, "best guess", (255, 255, 255), 0.046, 0.34)
 COMMANDED = Marker(entities.COMMANDED, "commanded", (255, 150, 30), 0.040, 0.29)
 SETTLED = Marker(entities.SETTLED, "settled", (255, 95, 85), 0.034, 0.24)
-MARKERS = (DEMONSTRATION, MAP_PLACEMENT, COMMANDED, SETTLED)
+MARKERS = (DEMONSTRATION, GUESS, COMMANDED, SETTLED)
 
 
 def log_marker(stream: rr.RecordingStream, marker: Marker, position: Array) -> None:

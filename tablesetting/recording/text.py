@@ -14,10 +14,11 @@ def round_markdown(
 ) -> str:
     """Write what is known in a round, and how the arm fared once it has acted."""
     lines = [
-        f"- VaR bound {view.var_bound:.3f}, placement error on test layouts: "
+        f"- Bound over the deployment {view.deployment_bound:.3f}, value at risk in the "
+        f"worst candidate {view.var_bound:.3f}, placement error on test layouts: "
         f"mean {view.mean_placement_error:.3f}, "
         f"max {view.max_placement_error:.3f} (table units)",
-        f"- MAP placement {_point(view.robot_placement)}",
+        f"- Best guess {_point(view.robot_placement)}",
     ]
     if view.demo_placement is not None:
         error = distance_mm(frame, view.robot_placement, view.demo_placement)
@@ -29,7 +30,7 @@ def round_markdown(
         detour = distance_mm(frame, view.robot_placement, execution.commanded)
         if detour >= _NEGLIGIBLE_MM:
             lines.append(
-                f"- The item does not fit at the MAP placement: commanded {detour:.0f} mm "
+                f"- The item does not fit at the best guess: commanded {detour:.0f} mm "
                 "beside it"
             )
     title = f"# After {view.num_demos} demonstration{'s'[: view.num_demos != 1]}"

@@ -36,15 +36,17 @@ class RoundView:
     Attributes:
         num_demos: Demonstrations learned from so far.
         centers: Queried layout, one row per object, shape (K, 2).
-        reward_map: MAP reward in the queried layout on a grid of points that spans the
-            unit square, edges included, shape (n, n); the first row is y = 0, the
-            first column x = 0.
+        reward_map: Reward of the best guess in the queried layout on a grid of points
+            that spans the unit square, edges included, shape (n, n); the first row is
+            y = 0, the first column x = 0.
         candidate_var: Value at risk of each candidate layout, shape (C,), in table units.
         asked: Index of the candidate that is asked about.
-        robot_placement: Best placement under the MAP reward, shape (2,).
+        robot_placement: Best placement under that reward, shape (2,).
         demo_placement: The demonstrator's answer, shape (2,); None where the run
             stopped before it asked.
         var_bound: Largest value at risk over the candidates, in table units.
+        deployment_bound: Confidence bound on the value at risk over layouts such as the
+            robot will meet, in table units; infinite if there is none.
         mean_placement_error: Mean over the test layouts, in table units.
         max_placement_error: Maximum over the test layouts, in table units.
         reason: Why this layout was asked about, Markdown.
@@ -58,6 +60,7 @@ class RoundView:
     robot_placement: Array
     demo_placement: Array | None
     var_bound: float
+    deployment_bound: float
     mean_placement_error: float
     max_placement_error: float
     reason: str

@@ -214,11 +214,12 @@ def test_each_kind_is_learned_from_with_the_likelihood_made_for_it():
 
 def test_when_chains_may_end_is_the_same_for_all_kinds_and_can_be_chosen():
     usual = CalibrationStudyConfig()
-    chosen = replace(usual, target_ess=50.0, max_rhat=1.2)
-    for config, expected in ((usual, (200.0, 1.05)), (chosen, (50.0, 1.2))):
+    chosen = replace(usual, target_ess=50.0, max_rhat=1.2, num_steps=3000)
+    expected = {usual: (200.0, 1.05, 15_000), chosen: (50.0, 1.2, 3000)}
+    for config, settings in expected.items():
         for teacher in config.teachers:
             mcmc = problem_settings(config.run_config("vase", teacher)).mcmc
-            assert (mcmc.target_ess, mcmc.max_rhat) == expected
+            assert (mcmc.target_ess, mcmc.max_rhat, mcmc.num_steps) == settings
 
 
 def test_bounds_of_the_test_layouts_are_those_of_a_run_at_this_look(mixed):

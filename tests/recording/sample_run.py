@@ -1,5 +1,6 @@
 """A small model and a run on it, to be recorded."""
 
+import math
 from collections.abc import Generator
 
 import mujoco
@@ -74,6 +75,7 @@ def round_view(num_demos: int = 1) -> RoundView:
         robot_placement=np.array([0.5, 0.5]),
         demo_placement=np.array([0.5, 0.6]),
         var_bound=0.2 / num_demos,
+        deployment_bound=0.25 if num_demos > 1 else math.inf,
         mean_placement_error=0.1,
         max_placement_error=0.3,
         reason="Asked here because candidate 1 is the worst.",

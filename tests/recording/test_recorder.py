@@ -59,6 +59,7 @@ def test_episodes_follow_one_another_on_one_clock(recorded: Path):
 
 def test_curves_hold_one_point_per_round(recorded: Path):
     assert scalars(recorded, entities.VAR_BOUND) == [0.2, 0.1]
+    assert scalars(recorded, entities.DEPLOYMENT_BOUND) == [0.25]  # No infinite one.
     assert scalars(recorded, entities.MAX_ERROR) == [0.3, 0.3]
     np.testing.assert_allclose(scalars(recorded, entities.EXECUTION_ERROR), 1.0)
 
