@@ -31,7 +31,7 @@ def audit_rows(latest: LearningRound, asked_by: str) -> list[dict[str, object]]:
                 "score": float(scores[best]),
                 "var": float(learning.var[best]),
                 "var_rank": int((learning.var > learning.var[best]).sum()) + 1,
-                "is_asked": int(best == learning.query_index),
+                "is_chosen": int(best == learning.query_index),
             }
         )
     return rows

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from tablesetting.curves import Share
+from tablesetting.experiments.setup import DEFAULTS
 from tablesetting.experiments.study_config import CalibrationStudyConfig
 from tablesetting.irl.certificate import MIN_FIT
 from tablesetting.plotting import plot_calibration
@@ -25,23 +26,32 @@ class Calibration:
     Attributes:
         teacher: The kind.
         num_demos: How many demonstrations.
+        num_unbounded: Trials whose samples were too few for a bound; in the shares they
+            do not count.
         covered: Trials in which the error in one test layout was within its own bound.
         share_covered: Share of all test layouts in which it was.
         all_covered: Trials in which no test error was above the largest bound.
-        doubted: Trials for which no certificate would be given, for lack of fit or as
-            the chains had not mixed.
-        doubted_where_it_failed: Those among the trials whose bound did not hold.
+        unmixed: Trials whose chains had not mixed.
+        unfit: Trials whose demonstrations did not fit the model of the person.
+        unfit_where_it_failed: Those among the trials whose bound did not hold.
+        certified: Trials with fit and mixed chains whose largest bound was below the
+            usual epsilon.
+        certified_where_it_failed: Those among the trials whose bound did not hold.
         mean_placement_error: Mean over trials and test layouts, in table units.
         bound: Median over trials of the largest bound, in table units.
     """
 
     teacher: str
     num_demos: int
+    num_unbounded: int
     covered: Share
     share_covered: float
     all_covered: Share
-    doubted: Share
-    doubted_where_it_failed: Share
+    unmixed: Share
+    unfit: Share
+    unfit_where_it_failed: Share
+    certified: Share
+    certified_where_it_failed: Share
     mean_placement_error: float
     bound: float
 
@@ -52,24 +62,31 @@ def calibrate(
     """Count over the trials of both tasks; yield kind by kind, demonstration by one."""
     for teacher in config.teachers:
         for num_demos in range(1, config.num_queries + 2):
-            own = [
+            every = [
                 row
                 for row in rows
                 if row["teacher"] == teacher and int(row["num_demos"]) == num_demos
             ]
+            own = [row for row in every if math.isfinite(float(row["bound"]))]
             failed = [row for row in own if row["all_covered"] == "0"]
-            errors = [float(row["mean_placement_error"]) for row in own]
-            bounds = sorted(float(row["bound"]) for row in own)
+            errors = [float(row["mean_placement_error"]) for row in every]
+            bounds = sorted(float(row["bound"]) for row in every)
             shares = [float(row["share_covered"]) for row in own]
             yield Calibration(
                 teacher=teacher,
                 num_demos=num_demos,
+                num_unbounded=len(every) - len(own),
                 covered=Share.of([row["one_covered"] == "1" for row in own]),
-                share_covered=sum(shares) / len(own),
+                share_covered=sum(shares) / len(own) if own else math.nan,
                 all_covered=Share.of([row["all_covered"] == "1" for row in own]),
-                doubted=Share.of([_is_doubted(row) for row in own]),
-                doubted_where_it_failed=Share.of([_is_doubted(row) for row in failed]),
-                mean_placement_error=sum(errors) / len(own),
+                unmixed=Share.of([row["has_mixed"] == "0" for row in own]),
+                unfit=Share.of([_is_unfit(row) for row in own]),
+                unfit_where_it_failed=Share.of([_is_unfit(row) for row in failed]),
+                certified=Share.of([_is_certified(row) for row in own]),
+                certified_where_it_failed=Share.of(
+                    [_is_certified(row) for row in failed]
+                ),
+                mean_placement_error=sum(errors) / len(every),
                 bound=bounds[len(bounds) // 2],
             )
 
@@ -92,14 +109,19 @@ def write_calibration(
     return _tell(found)
 
 
-def _is_doubted(row: Row) -> bool:
-    """Tell whether a run that ends here would not be certified, but for its epsilon."""
-    return float(row["fit"]) < MIN_FIT or row["has_mixed"] == "0"
+def _is_unfit(row: Row) -> bool:
+    """Tell whether the fit forbids a certificate."""
+    return float(row["fit"]) < MIN_FIT
+
+
+def _is_certified(row: Row) -> bool:
+    """Tell whether a run would end here with a certificate, by the study's R-hat."""
+    is_small = float(row["bound"]) < DEFAULTS["default"].epsilon
+    return is_small and row["has_mixed"] == "1" and not _is_unfit(row)
 
 
 def _point(each: Calibration) -> tuple[str, int, float, float, float]:
-    low, high = each.covered.interval
-    return each.teacher, each.num_demos, each.share_covered, low, high
+    return each.teacher, each.num_demos, each.covered.value, *each.covered.interval
 
 
 def _save_text(path: Path, text: str) -> None:
@@ -125,22 +147,32 @@ def _tables(found: Sequence[Calibration], title: str) -> str:
         lines.append(
             _row("no error above the bound [%]", [str(e.all_covered) for e in own])
         )
+        lines.append(_row("chains not mixed", [_count(e.unmixed) for e in own]))
+        lines.append(_row("fit refused", [_count(e.unfit) for e in own]))
         lines.append(
-            _row("not certifiable [%]", [f"{e.doubted.value:.0%}" for e in own])
+            _row(
+                "of the failed, fit refused",
+                [_count(e.unfit_where_it_failed) for e in own],
+            )
+        )
+        lines.append(
+            _row("certified at the usual epsilon", [_count(e.certified) for e in own])
         )
         lines.append(
             _row(
-                "of the failed, not certifiable",
-                [
-                    f"{e.doubted_where_it_failed.count} of "
-                    f"{e.doubted_where_it_failed.total}"
-                    for e in own
-                ],
+                "of the failed, certified",
+                [_count(e.certified_where_it_failed) for e in own],
             )
         )
+        if any(e.num_unbounded for e in own):
+            lines.append(_row("without a bound", [str(e.num_unbounded) for e in own]))
         lines.append(_row("mean error", [f"{e.mean_placement_error:.3f}" for e in own]))
         lines.append(_row("median bound", [f"{e.bound:.3f}" for e in own]))
     return "\n".join(lines) + "\n"
+
+
+def _count(share: Share) -> str:
+    return f"{share.count} of {share.total}"
 
 
 def _row(label: str, cells: Sequence[str]) -> str:
@@ -160,13 +192,18 @@ def _summarize(
         "calibration": [
             asdict(each)
             | {
-                "share_covered": round(each.share_covered, 6),
+                "share_covered": _finite(each.share_covered),
                 "mean_placement_error": round(each.mean_placement_error, 6),
-                "bound": round(each.bound, 6) if math.isfinite(each.bound) else None,
+                "bound": _finite(each.bound),
             }
             for each in found
         ],
     }
+
+
+def _finite(value: float) -> float | None:
+    """Return a number as JSON has it: none for what is not finite."""
+    return round(value, 6) if math.isfinite(value) else None
 
 
 def _tell(found: Sequence[Calibration]) -> list[str]:
@@ -174,12 +211,17 @@ def _tell(found: Sequence[Calibration]) -> list[str]:
     lines = []
     for teacher in dict.fromkeys(each.teacher for each in found):
         own = [each for each in found if each.teacher == teacher]
-        worst = min(own, key=lambda each: each.share_covered)
-        failed = sum(each.doubted_where_it_failed.total for each in own)
-        doubted = sum(each.doubted_where_it_failed.count for each in own)
+        bounded = [each for each in own if each.covered.total]
+        if not bounded:
+            lines.append(f"{teacher}: no bound, for lack of effective samples")
+            continue
+        worst = min(bounded, key=lambda each: each.share_covered)
+        failed = sum(each.unfit_where_it_failed.total for each in own)
+        unfit = sum(each.unfit_where_it_failed.count for each in own)
+        certified = sum(each.certified_where_it_failed.count for each in own)
         lines.append(
             f"{teacher}: within the bound in {worst.share_covered:.1%} of the layouts or "
             f"more (least after {worst.num_demos}); the run's bound failed {failed} "
-            f"times, {doubted} of them not certifiable"
+            f"times, of which the fit refused {unfit}, and {certified} were certified"
         )
     return lines

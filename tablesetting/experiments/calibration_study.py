@@ -15,7 +15,7 @@ _COLUMNS = (
     *("task", "teacher", "trial", "num_demos"),
     *("mean_placement_error", "max_placement_error", "bound"),
     *("one_covered", "share_covered", "all_covered"),
-    *("fit", "explained", "ess", "rhat", "has_mixed", "inference_seconds"),
+    *("fit", "explained", "ess", "kept_ess", "rhat", "has_mixed", "inference_seconds"),
 )
 
 
@@ -60,7 +60,7 @@ def _cells(setup: RunSetup, latest: LearningRound) -> dict[str, object]:
     learning, posterior = latest.learning, latest.learning.posterior
     losses = setup.problem.policy_losses(list(setup.validation.layouts), posterior)
     alpha, delta = latest.bound.alpha, latest.bound.delta
-    bounds = var_upper_bound(losses, alpha, delta, ess=posterior.ess)
+    bounds = var_upper_bound(losses, alpha, delta, ess=posterior.kept_ess)
     is_covered = latest.errors <= bounds
     return {
         "num_demos": latest.num_demos,
@@ -73,6 +73,7 @@ def _cells(setup: RunSetup, latest: LearningRound) -> dict[str, object]:
         "fit": latest.fit.p_value,
         "explained": latest.fit.explained,
         "ess": posterior.ess,
+        "kept_ess": posterior.kept_ess,
         "rhat": posterior.rhat,
         "has_mixed": int(posterior.is_sound),
         "inference_seconds": learning.inference_seconds,

@@ -17,17 +17,18 @@ def certificate_to_json(latest: LearningRound) -> dict[str, Any]:
     setup, bound = latest.setup, latest.bound
     problem, posterior = setup.problem, latest.learning.posterior
     config = problem.config
+    claim = (
+        f"in each of {bound.num_situations} layouts, the place where the robot thinks "
+        "that the item is wanted is less than epsilon from where it is, with posterior "
+        f"probability {bound.alpha:g} at least; Monte Carlo error makes that wrong in a "
+        f"share {config.risk.delta:g} of runs at most, it is only as true as the model "
+        "of the person, and it speaks of wishes, whatever stands in their way"
+    )
     return {
         "format": CERTIFICATE_FORMAT,
         "certified": not latest.doubts,
         "doubts": latest.doubts,
-        "claim": (
-            f"in each of {bound.num_situations} layouts the item is wanted less than "
-            f"epsilon from where the robot would put it, with posterior probability "
-            f"{bound.alpha:g} at least; Monte Carlo error makes that wrong in a share "
-            f"{config.risk.delta:g} of runs at most, and it is only as true as the "
-            "model of the person"
-        ),
+        "claim": None if latest.doubts else claim,
         "task": problem.task.name,
         "epsilon": setup.epsilon,
         "bound": _finite(bound.value),
@@ -46,6 +47,7 @@ def certificate_to_json(latest: LearningRound) -> dict[str, Any]:
             "bulk_ess": posterior.diagnosis.bulk_ess,
             "tail_ess": posterior.diagnosis.tail_ess,
             "rhat": _finite(posterior.diagnosis.rhat),
+            "kept_ess": posterior.kept_ess,
             "has_mixed": posterior.is_sound,
             "target_ess": config.mcmc.target_ess,
             "max_rhat": config.mcmc.max_rhat,

@@ -101,6 +101,12 @@ class LearningConfig:
                 raise ValueError(
                     f"--{option} must be in [0, 2]; got {getattr(self, name)}"
                 )
+            if self.likelihood == "auto" and getattr(self, name) > 0.0:
+                option = name.replace("_", "-")
+                raise ValueError(
+                    f"--{option} must be 0 with --likelihood auto, which weighs models "
+                    f"of fixed noise and rationality; got {getattr(self, name)}"
+                )
 
 
 def refuse_for_paper(preset: PresetName, learning: LearningConfig) -> None:

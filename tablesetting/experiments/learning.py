@@ -25,11 +25,13 @@ class LearningRound:
         setup: The session.
         learning: Posterior, candidates and query.
         before: The round before; None at the first.
+        look: Which look at the bound this is, from 1.
     """
 
     setup: RunSetup
     learning: Round[Array, Demonstration]
     before: "LearningRound | None"
+    look: int
 
     @property
     def num_demos(self) -> int:
@@ -55,9 +57,9 @@ class LearningRound:
         """The bound on the loss in layouts such as the robot will meet."""
         problem, posterior = self.setup.problem, self.learning.posterior
         losses = problem.policy_losses(list(self.setup.deployment), posterior)
-        # Runs look at the bound after every demonstration.
-        look = 1 if self.before is None else self.before.bound.look + 1
-        return Bound.of_losses(losses, posterior.ess, problem.config.risk, look)
+        return Bound.of_losses(
+            losses, posterior.kept_ess, problem.config.risk, self.look
+        )
 
     @cached_property
     def fit(self) -> Fit:
@@ -117,6 +119,6 @@ def learn(setup: RunSetup, strategy: str) -> Iterator[LearningRound]:
         problem.config.risk,
         rng=setup.rng,
     )
-    for learning in rounds:
-        before = LearningRound(setup, learning, before)
+    for look, learning in enumerate(rounds, start=1):
+        before = LearningRound(setup, learning, before, look)
         yield before

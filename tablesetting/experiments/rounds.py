@@ -25,7 +25,8 @@ class RunRound:
         state: Posterior, candidates and query, and how far they can be trusted.
         placement: Where the robot wants the item in the queried layout, shape (2,).
         truth: Where the person wants it there, shape (2,).
-        free_truth: Where the person would put it, as it has to fit, shape (2,).
+        free_truth: Where the person would put it, as it has to fit, shape (2,); None
+            where that is not known.
         stopped: Why this round is the last, "epsilon" or "budget"; None if its query
             is asked.
         attempt: What the arm made of it; None if it did not act.
@@ -34,7 +35,7 @@ class RunRound:
     state: LearningRound
     placement: Array
     truth: Array
-    free_truth: Array
+    free_truth: Array | None
     stopped: str | None
     attempt: Attempt | None = None
 
@@ -68,9 +69,10 @@ class RunRound:
     @property
     def outcome_error(self) -> float | None:
         """Distance from where the item rests to where the person would put it."""
-        if self.attempt is None or self.attempt.settled is None:
+        settled = None if self.attempt is None else self.attempt.settled
+        if settled is None or self.free_truth is None:
             return None
-        return float(np.linalg.norm(self.attempt.settled - self.free_truth))
+        return float(np.linalg.norm(settled - self.free_truth))
 
     def describe(self) -> str:
         """Say in one line how far the run is."""
@@ -116,7 +118,7 @@ def round_view(latest: RunRound, problem: PlacementProblem, strategy: str) -> Ro
         candidate_var=learning.var,
         asked=learning.query_index,
         robot_placement=latest.placement,
-        demo_placement=None if latest.stopped else latest.truth,
+        wish=latest.truth,
         var_bound=learning.var_bound,
         deployment_bound=latest.state.bound.value,
         mean_placement_error=float(latest.errors.mean()),

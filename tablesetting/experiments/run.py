@@ -79,12 +79,11 @@ def _learn(
 def _evaluate(state: LearningRound, setup: RunSetup, *, is_last: bool) -> RunRound:
     problem, query = setup.problem, state.learning.query
     guess = state.learning.posterior.guessed_weights
-    true_weights = problem.task.true_weights
     return RunRound(
         state=state,
         placement=problem.best_placements(guess[None], query[None])[0, 0],
         truth=problem.wishes(query[None])[0],
-        free_truth=problem.best_free_placement(true_weights, query),
+        free_truth=problem.free_wish(query),
         stopped="epsilon" if state.is_certain else "budget" if is_last else None,
     )
 

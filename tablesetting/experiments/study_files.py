@@ -87,6 +87,11 @@ class StudyFolder:
             OutputError: If the folder is taken or cannot be written.
         """
         merged, rows = _read_shards(config.merge or ())
+        if merged.name != config.name:
+            raise InvalidFile(
+                f"'{(config.merge or ())[0]}' is of a study {merged.name}; merge it with "
+                f"`study {merged.name}`"
+            )
         missing = [trial for trial in all_trials(merged) if trial not in rows]
         if missing:
             raise InvalidFile(

@@ -19,6 +19,10 @@ from tablesetting.irl.risk import (
 MAX_RHAT = 1.01
 """Chains of a larger R-hat forbid a certificate, whatever they were asked for."""
 
+MIN_SHARE = 0.95
+"""Less of the likeliest model, where several were weighed, forbids a certificate: evidence
+is known to some tenths of a nat alone."""
+
 MIN_FIT = 0.05
 """A p-value of the demonstrations' fit below this forbids a certificate."""
 
@@ -61,7 +65,7 @@ class Bound:
 
         Args:
             losses: Loss of the guess in each situation under each sample.
-            ess: Effective sample size of the samples.
+            ess: Independent draws that the samples are worth.
             risk: Quantile, and the risk of Monte Carlo error over all looks.
             look: Which look this is, from 1.
         """
@@ -105,6 +109,14 @@ def doubts(bound: Bound, epsilon: float, posterior: Posterior, fit: float) -> li
         found.append(
             f"the chains have not mixed: effective sample size {posterior.ess:.0f}, "
             f"R-hat {posterior.rhat:.3f} (at most {MAX_RHAT:g})"
+        )
+    if posterior.shares and max(posterior.shares.values()) < MIN_SHARE:
+        found.append(
+            "which model of the person holds is open: "
+            + ", ".join(
+                f"{name} {share:.2f}" for name, share in posterior.shares.items()
+            )
+            + f" (one must have {MIN_SHARE:g})"
         )
     if not fit >= MIN_FIT:
         found.append(

@@ -36,7 +36,7 @@ class Outlook(Protocol):
 
     @property
     def ess(self) -> float:
-        """Effective sample size of the N samples."""
+        """Independent draws that the N samples are worth."""
         ...
 
     @property

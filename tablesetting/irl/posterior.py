@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
+from scipy.special import logsumexp
 
 from tablesetting.irl.arrays import Array, Indices, normalize_l1
 from tablesetting.irl.random_walk import RandomWalk
@@ -47,7 +48,7 @@ class Posterior:
         log_evidence: Log mean likelihood of the demonstrations under the prior; NaN
             where it was not estimated.
         shares: Probability of each model of the demonstrator, where several were
-            weighed.
+            weighed, each as probable as the others before the demonstrations.
     """
 
     weights: Array
@@ -67,6 +68,16 @@ class Posterior:
     def ess(self) -> float:
         """The smaller of bulk and tail effective sample size, of the worst weight."""
         return min(self.diagnosis.bulk_ess, self.diagnosis.tail_ess)
+
+    @property
+    def kept_ess(self) -> float:
+        r"""Independent draws that the rows are worth: :math:`N \tanh(\mathrm{ess} / N)`.
+
+        Thinned to N states, chains lose some of their ESS. This is what autoregressive
+        ones keep of it: for large N all, and never more than N.
+        """
+        num_rows = len(self.weights)
+        return num_rows * math.tanh(self.ess / num_rows)
 
     @property
     def rhat(self) -> float:
@@ -142,23 +153,25 @@ def infer_posterior(
 
 
 def mix_posteriors(
-    posteriors: Mapping[str, Posterior], shares: Mapping[str, float]
+    posteriors: Mapping[str, Posterior], shares: Mapping[str, float], guess_of: str
 ) -> Posterior:
     """Mix the posteriors under several models of the demonstrator.
 
-    Each gives as many of its samples, evenly spread, as its model is probable. The
-    robot's guess is that of the most probable one.
+    Each gives as many of its samples, evenly spread, as its model is probable.
 
     Args:
-        posteriors: Posteriors of as many samples each, by the name of the model.
+        posteriors: Posteriors of as many samples each, with fixed scales, by the name of
+            the model.
         shares: Probability of each model; they add up to 1.
+        guess_of: The model whose guess the robot acts on.
 
     Returns:
         The mixture. Its effective sample size is that of a mean over it, its R-hat the
         worst of a model that gives a sample.
     """
-    best = posteriors[max(shares, key=lambda name: shares[name])]
+    best = posteriors[guess_of]
     chosen = _rows_of_each(shares, len(best.weights))
+    evidence = np.array([posteriors[name].log_evidence for name in shares])
     used = [posteriors[name] for name in shares if len(chosen[name])]
     bulk, tail = (
         1.0
@@ -175,6 +188,7 @@ def mix_posteriors(
         num_chains=1,
         diagnosis=Diagnosis(bulk, tail, max(each.rhat for each in used)),
         is_sound=all(each.is_sound for each in used),
+        log_evidence=float(logsumexp(evidence) - math.log(len(evidence))),
         shares=shares,
     )
 

@@ -13,7 +13,7 @@ FIGURES_TITLE = "## Final figures"
 
 _LEGEND = (
     "On the table lies the reward of the best guess, yellow where it is high. "
-    "Magenta marks the demonstration, white the best placement under that reward, "
+    "Magenta marks where the person wants the item, white where the robot thinks so, "
     "orange the commanded placement and red the place where the item settled."
 )
 

@@ -26,13 +26,11 @@ class Marker:
     """Height of the label, in [m]; they differ, so that labels do not overlap."""
 
 
-DEMONSTRATION = Marker(
-    entities.DEMONSTRATION, "demonstration", (255, 60, 200), 0.052, 0.39
-)
+WISH = Marker(entities.WISH, "person's wish", (255, 60, 200), 0.052, 0.39)
 GUESS = Marker(entities.GUESS, "best guess", (255, 255, 255), 0.046, 0.34)
 COMMANDED = Marker(entities.COMMANDED, "commanded", (255, 150, 30), 0.040, 0.29)
 SETTLED = Marker(entities.SETTLED, "settled", (255, 95, 85), 0.034, 0.24)
-MARKERS = (DEMONSTRATION, GUESS, COMMANDED, SETTLED)
+MARKERS = (WISH, GUESS, COMMANDED, SETTLED)
 
 
 def log_marker(stream: rr.RecordingStream, marker: Marker, position: Array) -> None:

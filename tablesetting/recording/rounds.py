@@ -12,8 +12,8 @@ from tablesetting.scene.table import TableFrame
 _MAP_HEIGHT = 0.002  # [m] above the table, clear of z-fighting.
 _GREY, _ORANGE = (140, 146, 158), (255, 150, 30)
 _CURVES = {
-    entities.DEPLOYMENT_BOUND: ("bound over deployment [table units]", (30, 60, 150)),
-    entities.VAR_BOUND: ("VaR, worst candidate [table units]", (90, 130, 255)),
+    entities.DEPLOYMENT_BOUND: ("bound over deployment [table units]", (90, 130, 255)),
+    entities.VAR_BOUND: ("VaR, worst candidate [table units]", (165, 140, 200)),
     entities.MEAN_ERROR: ("mean error [table units]", (60, 190, 110)),
     entities.MAX_ERROR: ("max error [table units]", (235, 80, 70)),
     entities.EXECUTION_ERROR: ("execution error [mm]", _ORANGE),
@@ -50,9 +50,7 @@ def log_round(
     markers.log_object_names(stream, frame.to_world(view.centers), objects)
     planned = frame.to_world(view.robot_placement)
     markers.log_marker(stream, markers.GUESS, planned)
-    if view.demo_placement is not None:
-        shown = frame.to_world(view.demo_placement)
-        markers.log_marker(stream, markers.DEMONSTRATION, shown)
+    markers.log_marker(stream, markers.WISH, frame.to_world(view.wish))
     stream.log(entities.VAR_BOUND, rr.Scalars(view.var_bound))
     if np.isfinite(view.deployment_bound):
         stream.log(entities.DEPLOYMENT_BOUND, rr.Scalars(view.deployment_bound))

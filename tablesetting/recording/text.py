@@ -20,11 +20,8 @@ def round_markdown(
         f"max {view.max_placement_error:.3f} (table units)",
         f"- Best guess {_point(view.robot_placement)}",
     ]
-    if view.demo_placement is not None:
-        error = distance_mm(frame, view.robot_placement, view.demo_placement)
-        lines.append(
-            f"- Demonstration {_point(view.demo_placement)}: learning error {error:.1f} mm"
-        )
+    error = distance_mm(frame, view.robot_placement, view.wish)
+    lines.append(f"- Person's wish {_point(view.wish)}: learning error {error:.1f} mm")
     if execution is not None:
         lines.append(f"- {_execution_sentence(execution, frame)}")
         detour = distance_mm(frame, view.robot_placement, execution.commanded)

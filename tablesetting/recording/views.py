@@ -42,8 +42,7 @@ class RoundView:
         candidate_var: Value at risk of each candidate layout, shape (C,), in table units.
         asked: Index of the candidate that is asked about.
         robot_placement: Best placement under that reward, shape (2,).
-        demo_placement: The demonstrator's answer, shape (2,); None where the run
-            stopped before it asked.
+        wish: Where the person wants the item in that layout, shape (2,).
         var_bound: Largest value at risk over the candidates, in table units.
         deployment_bound: Confidence bound on the value at risk over layouts such as the
             robot will meet, in table units; infinite if there is none.
@@ -58,7 +57,7 @@ class RoundView:
     candidate_var: Array
     asked: int
     robot_placement: Array
-    demo_placement: Array | None
+    wish: Array
     var_bound: float
     deployment_bound: float
     mean_placement_error: float

@@ -47,6 +47,12 @@ class PlacementConfig:
             raise ValueError(
                 f"`num_candidates` must be at least 1; got {self.num_candidates}"
             )
+        spreads = self.noise.noise_spread, self.boltzmann.beta_spread
+        if self.likelihood == "auto" and max(spreads) > 0.0:
+            raise ValueError(
+                "`likelihood` auto weighs models of fixed noise and rationality; got "
+                f"`noise_spread` {spreads[0]} and `beta_spread` {spreads[1]}"
+            )
         mcmc = self.mcmc
         is_annealed = mcmc.num_particles > 0 and not mcmc.starts_at_map
         if self.likelihood == "auto" and not is_annealed:

@@ -14,9 +14,8 @@ from tablesetting.reward.placement import best_placements
 from tablesetting.reward.rbf import all_centers, rbf_features
 
 _NUM_ANSWERS = 8  # Of each sample: few would hide how unlikely a blunder is.
-_CELLS_PER_SIDE = 32  # Of the square, for answers of a noisily rational person.
-_TICKS = (np.arange(_CELLS_PER_SIDE) + 0.5) / _CELLS_PER_SIDE
-_CELLS = np.stack(np.meshgrid(_TICKS, _TICKS), axis=-1).reshape(-1, 2)
+_CELLS_PER_SIDE = 32  # Of the square, for the answers of a person of rationality 100.
+_MOST_CELLS_PER_SIDE = 128  # More would fill the memory.
 
 
 @dataclass(frozen=True)
@@ -127,15 +126,24 @@ def draw_answers(
         scales = posterior.scales
         stds = config.noise.noise_std if scales is None else scales[:, None]
         return np.clip(wanted + stds * rng.standard_normal(wanted.shape), 0.0, 1.0)
-    rewards = posterior.weights @ rbf_features(_CELLS, all_centers(layout), widths).T
     scales = posterior.scales
     betas = config.boltzmann.beta if scales is None else scales[:, None]
-    exponents = betas * rewards
+    size = _enough_cells(float(np.max(betas)))
+    ticks = (np.arange(size) + 0.5) / size
+    grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
+    exponents = rbf_features(grid, all_centers(layout), widths) @ posterior.weights.T
+    exponents = betas * exponents.T
     chances = np.exp(exponents - exponents.max(axis=1, keepdims=True)).cumsum(axis=1)
     draws = rng.random(len(chances)) * chances[:, -1]
     cells = (chances < draws[:, None]).sum(axis=1)
-    offsets = (rng.random((len(cells), 2)) - 0.5) / _CELLS_PER_SIDE
-    return _CELLS[np.minimum(cells, len(_CELLS) - 1)] + offsets
+    offsets = (rng.random((len(cells), 2)) - 0.5) / size
+    return grid[np.minimum(cells, len(grid) - 1)] + offsets
+
+
+def _enough_cells(beta: float) -> int:
+    """Return so many cells along a side that answers spread over several of them."""
+    size = math.ceil(_CELLS_PER_SIDE * math.sqrt(beta / 100.0))
+    return min(max(size, _CELLS_PER_SIDE), _MOST_CELLS_PER_SIDE)
 
 
 def _share(outcomes: Array) -> float:

@@ -1,8 +1,10 @@
 """From demonstrations to the posterior of the weights, by a model of the demonstrator."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
+from scipy.special import softmax
 
 from tablesetting.irl.arrays import Array
 from tablesetting.irl.posterior import (
@@ -33,7 +35,10 @@ MODELS: dict[ModelName, _Builder] = {
 # placement likelihood is flat.
 _BETTER_GUESS: dict[ModelName, Guess] = {"boltzmann": "map", "placement": "mean"}
 
-_PRICES = {"boltzmann": 0.0, "placement": 1.75}  # [nats per demonstration]
+_PRICE = 1.2  # Of a guess by `placement` [nats per demonstration].
+
+# The evidence of fewer is off by some nats, which is more than models may differ by.
+_NUM_PARTICLES, _STEPS_PER_RUNG = 256, 10
 
 
 def infer_weights(
@@ -59,12 +64,20 @@ def infer_weights(
     Returns:
         The posterior; under `auto` the mixture of both models.
     """
-    names = tuple(MODELS) if config.likelihood == "auto" else (config.likelihood,)
+    names, mcmc = tuple(MODELS), config.mcmc
+    if config.likelihood != "auto":
+        names = (config.likelihood,)
+    else:
+        mcmc = replace(
+            mcmc,
+            num_particles=max(mcmc.num_particles, _NUM_PARTICLES),
+            steps_per_rung=max(mcmc.steps_per_rung, _STEPS_PER_RUNG),
+        )
     posteriors: dict[str, Posterior] = {
         name: infer_posterior(
             MODELS[name](demos, widths, config),
             len(widths),
-            config.mcmc,
+            mcmc,
             previous_map=previous_map,
             log_prior=log_prior,
             guess=config.guess or _BETTER_GUESS[name],
@@ -74,30 +87,36 @@ def infer_weights(
     }
     if config.likelihood != "auto":
         return posteriors[config.likelihood]
-    return mix_posteriors(posteriors, model_shares(posteriors, len(demos)))
+    guess_of = model_to_guess_by(posteriors, len(demos))
+    return mix_posteriors(posteriors, model_shares(posteriors), guess_of)
 
 
-def model_shares(
-    posteriors: Mapping[str, Posterior], num_demos: int
-) -> dict[str, float]:
-    """Weigh models of the demonstrator by their evidence.
-
-    The one of exact placements has to earn its sharpness: each demonstration must be
-    more likely under it by a fixed factor before it counts for it. With equal odds it
-    would win while the Boltzmann MAP is still closer to what is wanted.
+def model_shares(posteriors: Mapping[str, Posterior]) -> dict[str, float]:
+    """Weigh models of the demonstrator by their evidence, at equal prior odds.
 
     Args:
         posteriors: Posterior under each model, by name.
+
+    Returns:
+        Probabilities, which add up to 1.
+    """
+    evidence = np.array([each.log_evidence for each in posteriors.values()])
+    return dict(zip(posteriors, softmax(evidence).tolist(), strict=True))
+
+
+def model_to_guess_by(posteriors: Mapping[str, Posterior], num_demos: int) -> str:
+    """Choose the model whose guess the robot acts on.
+
+    The better model need not guess better while little is known: Boltzmann's MAP is
+    sparse, as what people want often is. So `placement` guesses once its evidence is
+    ahead by a fixed factor per demonstration, which was chosen on the two tasks.
+
+    Args:
+        posteriors: Posteriors under both models, by name.
         num_demos: Number of demonstrations.
 
     Returns:
-        Shares that add up to 1.
+        The name.
     """
-    evidence = np.array(
-        [
-            each.log_evidence - num_demos * _PRICES[name]
-            for name, each in posteriors.items()
-        ]
-    )
-    shares = np.exp(evidence - evidence.max())
-    return dict(zip(posteriors, (shares / shares.sum()).tolist(), strict=True))
+    lead = posteriors["placement"].log_evidence - posteriors["boltzmann"].log_evidence
+    return "placement" if lead > _PRICE * num_demos else "boltzmann"

@@ -46,8 +46,8 @@ class PlacementOutlook:
 
     @property
     def ess(self) -> float:
-        """Effective sample size of the N samples."""
-        return self._posterior.ess
+        """Independent draws that the N samples are worth."""
+        return self._posterior.kept_ess
 
     @cached_property
     def losses(self) -> Array:

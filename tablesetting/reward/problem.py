@@ -120,6 +120,16 @@ class PlacementProblem:
         """Return where the person wants the item in layouts, shape (L, 2)."""
         return self.teacher.wishes(self.task.true_weights, layouts, self.widths)
 
+    def free_wish(self, layout: Array) -> Array | None:
+        """Return where the person would put the item, as it has to fit, shape (2,).
+
+        None for someone whose wish is not the greatest reward: what is second best to
+        them is not known.
+        """
+        if not self.teacher.wants_best:
+            return None
+        return self.best_free_placement(self.task.true_weights, layout)
+
     def best_placements(self, weights: Array, layouts: Array) -> Array:
         """Find the best placement of each reward in each layout, free or not.
 

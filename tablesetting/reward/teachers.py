@@ -24,12 +24,8 @@ class Teacher(Protocol):
     """Someone who answers a layout with a placement."""
 
     @property
-    def is_well_specified(self) -> bool:
-        """Whether some likelihood assumes such a person.
-
-        True where one reward of the class explains the answers to all layouts, but for
-        noise that is rarer the worse the placement.
-        """
+    def wants_best(self) -> bool:
+        """Whether the item is wanted where the true reward is greatest."""
         ...
 
     def show(
@@ -70,6 +66,8 @@ class Teacher(Protocol):
 class _WantsBest:
     """Someone who wants the item where the true reward is greatest."""
 
+    wants_best: ClassVar[bool] = True
+
     def wishes(self, weights: Array, layouts: Array, widths: Array) -> Array:
         """Answer as `Teacher.wishes`."""
         return _on_square(best_placements(weights[None], layouts, widths)[:, 0])
@@ -78,8 +76,6 @@ class _WantsBest:
 @dataclass(frozen=True)
 class ExactTeacher(_WantsBest):
     """Puts the item where the true reward is greatest; draws nothing."""
-
-    is_well_specified: ClassVar[bool] = True
 
     def show(
         self,
@@ -101,8 +97,6 @@ class BoltzmannTeacher(_WantsBest):
     optimum of the one weight w, with the width s, the standard deviation is
     :math:`\sqrt{s / (2 \beta w)}`: 0.039 for the spoon, at the default.
     """
-
-    is_well_specified: ClassVar[bool] = True
 
     beta: float = 100.0
     """How rational the person is."""
@@ -148,8 +142,6 @@ class BoltzmannTeacher(_WantsBest):
 class NoisyTeacher(_WantsBest):
     """Aims at the best placement with an unsteady hand: Gaussian, clipped."""
 
-    is_well_specified: ClassVar[bool] = True
-
     noise_std: float = 0.02
     """Standard deviation along each side, in table units; the square is 0.50 m wide, so
     the default is 1 cm."""
@@ -181,8 +173,6 @@ class BlunderingTeacher(_WantsBest):
     account: a blunder is as unlikely as its reward is low.
     """
 
-    is_well_specified: ClassVar[bool] = False
-
     probability: float = 0.1
     """Of a placement drawn evenly on the square."""
 
@@ -213,8 +203,6 @@ class BiasedTeacher(_WantsBest):
 
     Like someone who stands at one side and reads the table askew; draws nothing.
     """
-
-    is_well_specified: ClassVar[bool] = False
 
     bias: tuple[float, float] = (0.05, 0.0)
     """What is added to the best placement, along x and y, in table units."""
@@ -253,7 +241,7 @@ class OffsetTeacher:
     (Bobu et al. 2020 treat preferences outside the hypothesis space.)
     """
 
-    is_well_specified: ClassVar[bool] = False
+    wants_best: ClassVar[bool] = False
 
     offset: tuple[float, float] = (0.15, 0.0)
     """From the object's center to the placement, along x and y, in table units."""

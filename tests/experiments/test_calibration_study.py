@@ -104,7 +104,7 @@ def test_summary_and_tables_are_of_the_rows(whole):
             each.num_demos,
         )
         assert written["covered"] == {"count": each.covered.count, "total": 2}
-        assert written["doubted"] == {"count": each.doubted.count, "total": 2}
+        assert written["unfit"] == {"count": each.unfit.count, "total": 2}
         error = pytest.approx(each.mean_placement_error, abs=1e-6)
         assert written["mean_placement_error"] == error
     text = (whole / "calibration.md").read_text()
@@ -233,7 +233,7 @@ def test_bounds_of_the_test_layouts_are_those_of_a_run_at_this_look(mixed):
         found = problem.best_placements(posterior.weights, layouts)
         best = problem.best_placements(posterior.guessed_weights[None], layouts)
         distances = np.sort(np.linalg.norm(found - best, axis=-1), axis=1)
-        num_draws = int(min(posterior.ess, len(posterior.weights)))
+        num_draws = int(posterior.kept_ess)
         rank = upper_bound_rank(num_draws, 0.95, spend(0.05, row["num_demos"]))
         scaled = int(np.ceil(rank * len(posterior.weights) / num_draws))
         bounds = distances[:, scaled - 1]
@@ -292,6 +292,7 @@ ROWS = [
     row_of("biased", 1, 0.3, 0.5, one=0, all_of_them=0, fit=0.049),
     row_of("biased", 1, 0.1, 0.0, one=0, all_of_them=0, fit=0.05),
     row_of("biased", 1, 0.2, 0.9, one=1, all_of_them=0, mixed=0),
+    row_of("biased", 1, 0.04, 0.0, one=0, all_of_them=0),
     row_of("biased", 1, float("inf"), 1.0, one=1, all_of_them=1, fit=0.01, mixed=0),
 ]
 
@@ -299,28 +300,34 @@ ROWS = [
 def test_counts_are_by_kind_and_number_of_demonstrations():
     biased, exact = calibrate(ROWS, COUNTED)
     assert (biased.teacher, biased.num_demos) == ("biased", 1)
-    assert biased.covered == Share(2, 4)
-    assert biased.share_covered == pytest.approx(2.4 / 4)
-    assert biased.all_covered == Share(1, 4)
-    assert biased.doubted == Share(3, 4)  # A fit of 0.05 will do.
-    assert biased.doubted_where_it_failed == Share(2, 3)
-    assert biased.mean_placement_error == pytest.approx((0.03 + 0.01 + 0.02 + 0.1) / 4)
-    assert biased.bound == 0.3  # The larger of the two in the middle.
+    assert biased.num_unbounded == 1
+    assert biased.covered == Share(1, 4)
+    assert biased.share_covered == pytest.approx(1.4 / 4)
+    assert biased.all_covered == Share(0, 4)
+    assert biased.unmixed == Share(1, 4)
+    assert biased.unfit == Share(1, 4)  # A fit of 0.05 will do.
+    assert biased.unfit_where_it_failed == Share(1, 4)
+    assert biased.certified == biased.certified_where_it_failed == Share(1, 4)
+    assert biased.mean_placement_error == pytest.approx(
+        (0.03 + 0.01 + 0.02 + 0.004 + 0.1) / 5
+    )
+    assert biased.bound == 0.2
     assert exact.covered == exact.all_covered == Share(1, 1)
-    assert exact.doubted == Share(0, 1)
-    assert exact.doubted_where_it_failed == Share(0, 0)
+    assert exact.unmixed == exact.unfit == exact.certified == Share(0, 1)
+    assert exact.unfit_where_it_failed == Share(0, 0)
 
 
 def test_what_was_counted_is_told_kind_by_kind(tmp_path):
     lines = write_calibration(RunFolder.create(tmp_path / "out"), COUNTED, ROWS)
     biased, exact = lines
-    assert biased.startswith("biased: within the bound in 60.0%")
-    assert "failed 3 times, 2 of them not certifiable" in biased
+    assert biased.startswith("biased: within the bound in 35.0%")
+    assert "4 times, of which the fit refused 1, and 1 were certified" in biased
     assert exact.startswith("exact: within the bound in 100.0%")
     text = (tmp_path / "out" / "calibration.md").read_text()
-    assert "| within its bound [%] | 50.0 (15-85) |" in text
-    assert "| the same, all layouts [%] | 60.0% |" in text
-    assert "| of the failed, not certifiable | 2 of 3 |" in text
+    assert "| within its bound [%] | 25.0 (5-70) |" in text
+    assert "| the same, all layouts [%] | 35.0% |" in text
+    assert "| of the failed, fit refused | 1 of 4 |" in text
+    assert "| without a bound | 1 |" in text
 
 
 def test_an_infinite_bound_is_none_in_the_summary(tmp_path):

@@ -17,7 +17,7 @@ def test_every_strategy_is_audited_in_every_round_and_nothing_else_changes(tmp_p
     assert [(row["num_demos"], row["strategy"]) for row in rows] == [
         (num_demos, strategy) for num_demos in ("1", "2") for strategy in STRATEGIES
     ]
-    own = [row["is_asked"] for row in rows if row["strategy"] == "random"]
+    own = [row["is_chosen"] for row in rows if row["strategy"] == "random"]
     assert own == ["1", "1"]
 
 
@@ -28,7 +28,7 @@ def test_an_audit_says_what_is_asked_and_how_risky_that_is(tmp_path):
     for latest in rounds:
         own = [row for row in rows if row["num_demos"] == latest["num_demos"]]
         (asked,) = [row for row in own if row["strategy"] == "active-var"]
-        assert asked["is_asked"] == "1"
+        assert asked["is_chosen"] == "1"
         assert asked["score"] == asked["var"]
         bound = float(latest["var_bound"])
         assert float(asked["var"]) == pytest.approx(bound, abs=1e-8)
@@ -36,7 +36,7 @@ def test_an_audit_says_what_is_asked_and_how_risky_that_is(tmp_path):
         for row in own:
             assert 0 <= int(row["candidate"]) < 6
             is_same = row["candidate"] == asked["candidate"]
-            assert row["is_asked"] == str(int(is_same))
+            assert row["is_chosen"] == str(int(is_same))
             assert float(row["var"]) <= float(asked["var"])
             assert (row["var_rank"] == "1") == (row["var"] == asked["var"])
             assert 1 <= int(row["var_rank"]) <= 6

@@ -288,7 +288,7 @@ def posterior_of(value, *, num=10, bulk=100.0, tail=200.0, rhat=1.0, is_sound=Tr
 
 def test_each_model_gives_rows_by_its_share_evenly_spread():
     models = {"a": posterior_of(1.0), "b": posterior_of(2.0)}
-    mixture = mix_posteriors(models, {"a": 0.3, "b": 0.7})
+    mixture = mix_posteriors(models, {"a": 0.3, "b": 0.7}, "b")
     expected = [(1, 1), (1, 5), (1, 8)]
     expected += [(2, row) for row in (0, 2, 3, 5, 6, 7, 9)]
     np.testing.assert_array_equal(mixture.weights, expected)
@@ -299,7 +299,7 @@ def test_each_model_gives_rows_by_its_share_evenly_spread():
 
 def test_log_posteriors_of_a_mixture_are_on_one_scale():
     models = {"a": posterior_of(1.0), "b": posterior_of(2.0)}
-    mixture = mix_posteriors(models, {"a": 0.3, "b": 0.7})
+    mixture = mix_posteriors(models, {"a": 0.3, "b": 0.7}, "b")
     # The log posterior, less the log evidence, plus the log share.
     expected = [
         value + row / 10 + value + math.log(0.3 if value == 1 else 0.7)
@@ -312,7 +312,7 @@ def test_log_posteriors_of_a_mixture_are_on_one_scale():
 def test_mixture_has_as_many_rows_as_a_model(masses):
     shares = {str(name): mass / sum(masses) for name, mass in enumerate(masses)}
     models = {name: posterior_of(float(name)) for name in shares}
-    mixture = mix_posteriors(models, shares)
+    mixture = mix_posteriors(models, shares, "0")
     assert mixture.weights.shape == (10, 2)
     for name, share in shares.items():
         num_rows = np.count_nonzero(mixture.weights[:, 0] == float(name))
@@ -325,20 +325,23 @@ def test_effective_sample_size_of_a_mixture_by_hand():
         "a": posterior_of(1.0, bulk=100.0, tail=50.0),
         "b": posterior_of(2.0, bulk=300.0, tail=450.0),
     }
-    mixture = mix_posteriors(models, {"a": 0.25, "b": 0.75})
+    mixture = mix_posteriors(models, {"a": 0.25, "b": 0.75}, "b")
     assert mixture.diagnosis.bulk_ess == pytest.approx(400.0)  # 1 / (1/1600 + 3/1600)
     assert mixture.diagnosis.tail_ess == pytest.approx(400.0)  # 1 / (1/800 + 1/800)
 
 
 @pytest.mark.parametrize("guess", ["map", "mean"])
-def test_mixture_guesses_as_the_most_probable_model_does(guess):
+def test_mixture_guesses_as_the_model_that_is_named_does(guess):
     models = {
         "a": posterior_of(1.0),
         "b": replace(posterior_of(2.0), guess=guess),
         "c": posterior_of(3.0),
     }
-    mixture = mix_posteriors(models, {"a": 0.3, "b": 0.4, "c": 0.3})
-    assert mixture.likeliest_model("none") == "b"
+    mixture = mix_posteriors(models, {"a": 0.3, "b": 0.3, "c": 0.4}, "b")
+    assert mixture.likeliest_model("none") == "c"
+    # Models of equal odds: the mean of the evidences.
+    mean = np.mean(np.exp([-1.0, -2.0, -3.0]))
+    assert mixture.log_evidence == pytest.approx(math.log(mean))
     assert mixture.guess == guess
     np.testing.assert_array_equal(mixture.guessed_weights, models["b"].guessed_weights)
 
@@ -347,7 +350,7 @@ def test_mixture_guesses_as_the_most_probable_model_does(guess):
 def test_mixture_of_one_sure_model_is_its_posterior(sure):
     models = {"a": posterior_of(1.0), "b": posterior_of(2.0)}
     shares = {name: float(name == sure) for name in models}
-    mixture = mix_posteriors(models, shares)
+    mixture = mix_posteriors(models, shares, sure)
     np.testing.assert_array_equal(mixture.weights, models[sure].weights)
     shift = mixture.log_posts - models[sure].log_posts
     np.testing.assert_allclose(shift, -models[sure].log_evidence)
@@ -363,10 +366,28 @@ def test_a_model_that_gives_no_sample_cannot_spoil_the_mixture(share, rhat, is_s
         "good": posterior_of(1.0),
         "bad": posterior_of(2.0, rhat=1.3, is_sound=False),
     }
-    mixture = mix_posteriors(models, {"good": 1.0 - share, "bad": share})
+    mixture = mix_posteriors(models, {"good": 1.0 - share, "bad": share}, "good")
     assert mixture.rhat == rhat
     assert mixture.is_sound is is_sound
 
 
 def test_one_model_alone_is_the_likeliest():
     assert infer(SHORT).likeliest_model("boltzmann") == "boltzmann"
+
+
+@pytest.mark.parametrize(
+    ("ess", "expected"), [(1000.0, 10.0), (0.1, 0.1), (10.0, 10.0 * math.tanh(1.0))]
+)
+def test_rows_are_worth_no_more_than_their_number_nor_the_chains(ess, expected):
+    posterior = posterior_of(1.0, bulk=ess, tail=2.0 * ess)
+    assert posterior.kept_ess == pytest.approx(expected, rel=1e-3)
+
+
+def test_rows_of_an_autoregressive_chain_are_worth_what_is_said():
+    """Thinned by k, the correlation r of neighbours becomes r^k, which is known."""
+    correlation, stride, num = 0.9, 7, 500
+    ess = num * stride * (1.0 - correlation) / (1.0 + correlation)
+    kept = correlation**stride
+    posterior = posterior_of(1.0, bulk=ess, tail=ess, num=num)
+    expected = num * (1.0 - kept) / (1.0 + kept)
+    assert posterior.kept_ess == pytest.approx(expected, rel=0.01)

@@ -26,7 +26,7 @@ def test_the_story_has_the_run_its_rounds_and_its_outcome(recorded: Path):
         "Asked here because candidate 1 is the worst.",
         "Bound over the deployment inf, value at risk in the worst candidate 0.200, "
         "placement error on test layouts: mean 0.100, max 0.300",
-        "Demonstration (0.500, 0.600): learning error 50.0 mm",
+        "Person's wish (0.500, 0.600): learning error 50.0 mm",
         "settled (0.500, 0.502): execution error 1.00 mm, success",
         "Phases: reach 0.10 s, lift 0.08 s",
     ):
