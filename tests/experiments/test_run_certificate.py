@@ -1,5 +1,6 @@
 import hashlib
 import json
+import math
 from dataclasses import asdict
 from types import SimpleNamespace
 
@@ -46,7 +47,8 @@ def test_a_certificate_has_all_the_fields_of_its_format(certified_run, vase_run)
             *("order", "order.rank", "order.of"),
             *("layouts", "layouts.distribution", "layouts.count"),
             *("sampler", "sampler.num_samples", "sampler.bulk_ess"),
-            *("sampler.tail_ess", "sampler.rhat", "sampler.has_mixed"),
+            *("sampler.tail_ess", "sampler.kept_ess", "sampler.rhat"),
+            "sampler.has_mixed",
             *("sampler.target_ess", "sampler.max_rhat"),
             *("model", "model.likelihood", "model.shares", "model.guess"),
             *("model.beta", "model.beta_spread"),
@@ -55,6 +57,7 @@ def test_a_certificate_has_all_the_fields_of_its_format(certified_run, vase_run)
             *("demonstrations", "demonstrations.count", "demonstrations.sha256"),
             "versions",
         }
+        assert (certificate["claim"] is None) is (not certificate["certified"])
 
 
 def test_a_bound_below_epsilon_is_certified_and_stops_the_run(certified_run):
@@ -76,8 +79,10 @@ def test_the_bound_is_the_order_statistic_that_delta_asks_for(certified_run):
     assert (spending["look"], spending["delta"]) == (1, 0.1 / 2)
     assert order["rank"] == upper_bound_rank(order["of"], 0.95, 0.1 / 2)
     sampler = certificate["sampler"]
-    ess = min(sampler["bulk_ess"], sampler["tail_ess"], sampler["num_samples"])
-    assert order["of"] == int(ess)
+    ess, num_samples = sampler["bulk_ess"], sampler["num_samples"]
+    kept_ess = num_samples * math.tanh(min(ess, sampler["tail_ess"]) / num_samples)
+    assert sampler["kept_ess"] == pytest.approx(kept_ess)
+    assert order["of"] == int(kept_ess)
 
 
 def test_a_look_after_every_demonstration_has_a_share_of_delta(vase_run):

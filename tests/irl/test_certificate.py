@@ -158,6 +158,14 @@ def test_nothing_is_doubted_where_all_is_well():
             ],
         ),
         (
+            {"posterior": replace(SOUND, shares={"a": 0.94, "b": 0.06})},
+            [
+                "which model of the person holds is open: a 0.94, b 0.06 (one must have "
+                "0.95)"
+            ],
+        ),
+        ({"posterior": replace(SOUND, shares={"a": 0.95, "b": 0.05})}, []),
+        (
             {"fit": 0.0123},
             [
                 "the demonstrations do not fit the model of the person: such as these "
@@ -172,6 +180,8 @@ def test_nothing_is_doubted_where_all_is_well():
         "sample size",
         "chains",
         "asked for less",
+        "open model",
+        "sure model",
         "fit",
     ],
 )

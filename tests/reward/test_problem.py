@@ -343,7 +343,7 @@ def test_losses_of_the_outlook_are_those_of_the_policy():
     layouts = list(problem.space.sample(3, rng=np.random.default_rng(0)))
     outlook = problem.outlook(layouts, posterior)
     assert outlook.num_queries == 3
-    assert outlook.ess == posterior.ess
+    assert outlook.ess == posterior.kept_ess
     expected = problem.policy_losses(layouts, posterior)
     np.testing.assert_array_equal(outlook.losses, expected)
 
