@@ -6,28 +6,9 @@ for an R-hat below 1.01 and a bulk and a tail ESS above 100 for each chain.
 """
 
 import numpy as np
+from scipy.special import ndtri
 
 from tablesetting.irl.arrays import Array, Booleans, Indices
-
-# Of AS 241, the highest power first: numerator and denominator where |p - 1/2| is at
-# most 0.425,
-_CENTER = (
-    (2509.0809287301226727, 33430.575583588128105, 67265.770927008700853)
-    + (45921.953931549871457, 13731.693765509461125, 1971.5909503065514427)
-    + (133.14166789178437745, 3.387132872796366608),
-    (5226.495278852854561, 28729.085735721942674, 39307.89580009271061)
-    + (21213.794301586595867, 5394.1960214247511077, 687.1870074920579083)
-    + (42.313330701600911252, 1.0),
-)
-# and nearer to 0 or 1.
-_TAIL = (
-    (7.7454501427834140764e-4, 0.0227238449892691845833, 0.24178072517745061177)
-    + (1.27045825245236838258, 3.64784832476320460504, 5.7694972214606914055)
-    + (4.6303378461565452959, 1.42343711074968357734),
-    (1.05075007164441684324e-9, 5.475938084995344946e-4, 0.0151986665636164571966)
-    + (0.14810397642748007459, 0.68976733498510000455, 1.6763848301838038494)
-    + (2.05319162663775882187, 1.0),
-)
 
 
 def rank_normalized_rhat(chains: Array) -> float:
@@ -80,21 +61,6 @@ def tail_ess(chains: Array) -> float:
     return effective_sample_size(np.concatenate(indicators, axis=2).astype(np.float64))
 
 
-def split_rhat(chains: Array) -> float:
-    r"""Compare the variance between half-chains with the variance within them.
-
-    The potential scale reduction of Gelman et al., *Bayesian Data Analysis* (2013),
-    section 11.4, the worst over the dimensions; 1 once the chains have mixed.
-
-    Args:
-        chains: States, shape (C, S, D) with at least 4 steps.
-
-    Returns:
-        The largest split R-hat; infinity where half-chains stand still apart.
-    """
-    return _rhat(_split(chains))
-
-
 def effective_sample_size(chains: Array) -> float:
     """Estimate how many independent draws the worst dimension is worth for its mean.
 
@@ -125,33 +91,11 @@ def rank_normalize(chains: Array) -> Array:
     num_draws = draws.shape[1]
     # A shared rank is a multiple of 1/2, so few quantiles are needed.
     ranks = 1.0 + np.arange(2 * num_draws - 1) / 2.0
-    quantiles = normal_quantile((ranks - 3.0 / 8.0) / (num_draws + 1.0 / 4.0))
+    quantiles = ndtri((ranks - 3.0 / 8.0) / (num_draws + 1.0 / 4.0))
     order = draws.argsort(axis=1)
     ends = _first_plus_last(np.take_along_axis(draws, order, axis=1))
     np.put_along_axis(draws, order, quantiles[ends], axis=1)
     return draws.T.reshape(chains.shape)
-
-
-def normal_quantile(probabilities: Array) -> Array:
-    r"""Invert the distribution function of the standard normal, to rounding.
-
-    Algorithm AS 241 of Wichura, *Applied Statistics* 37 (1988), less its last branch.
-
-    Args:
-        probabilities: Each further than 1.4e-11 from 0 and from 1, any shape.
-
-    Returns:
-        :math:`\Phi^{-1}(p)`, the same shape.
-    """
-    offsets = probabilities - 0.5
-    center = np.maximum(0.425**2 - offsets**2, 0.0)
-    nearest = np.minimum(probabilities, 1.0 - probabilities)
-    tail = np.maximum(np.sqrt(-np.log(nearest)) - 1.6, 0.0)
-    return np.where(
-        np.abs(offsets) <= 0.425,
-        offsets * np.polyval(_CENTER[0], center) / np.polyval(_CENTER[1], center),
-        np.sign(offsets) * np.polyval(_TAIL[0], tail) / np.polyval(_TAIL[1], tail),
-    )
 
 
 def _first_plus_last(ordered: Array) -> Indices:

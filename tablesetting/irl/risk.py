@@ -5,10 +5,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy.special import bdtrc
 
 from tablesetting.irl.arrays import Array, row_blocks
 
 _ROUNDING = 1e-12  # Of probabilities and values, relative; far above float64's own.
+_TAIL_ROUNDING = 1e-9  # Of binomial tails, relative.
 
 
 @dataclass(frozen=True)
@@ -148,8 +150,8 @@ def upper_bound_rank(num_draws: int, alpha: float, delta: float) -> int | None:
     if num_draws < min_ess(alpha, delta):
         return None
     # Rounding: where P(B >= k) is delta itself, k will do.
-    too_likely = _binomial_tails(num_draws, alpha)[:-1] > delta * (1.0 + _ROUNDING)
-    return 1 + int(np.count_nonzero(too_likely))
+    tails = bdtrc(np.arange(num_draws - 1), num_draws, alpha)  # Of k = 1, ..., n - 1.
+    return 1 + int(np.count_nonzero(tails > delta * (1.0 + _TAIL_ROUNDING)))
 
 
 def min_ess(alpha: float, delta: float) -> int:
@@ -297,28 +299,3 @@ def _order_statistic(losses: Array, rank: int) -> Array:
     for block in row_blocks(len(rows), num_samples):
         found[block] = np.partition(rows[block], rank - 1, axis=-1)[:, rank - 1]
     return found.reshape(losses.shape[:-1])
-
-
-def _binomial_tails(num_draws: int, alpha: float) -> Array:
-    r"""Compute :math:`P(B \ge k)` for k = 1, ..., n, accurately however small.
-
-    From the ratios of neighbouring probabilities, accumulated away from the mode: no
-    large logarithm cancels, as those of factorials would, and a tail is a sum of
-    positive numbers, the smallest first.
-
-    Args:
-        num_draws: Number of draws, n, at least 1.
-        alpha: Chance of each to count, in (0, 1).
-
-    Returns:
-        Tails in descending order, shape (n,).
-    """
-    counts = np.arange(1, num_draws + 1)
-    odds = alpha / (1.0 - alpha)
-    log_ratios = np.log((num_draws + 1 - counts) / counts * odds)
-    mode = min(int((num_draws + 1) * alpha), num_draws)
-    below = -np.cumsum(log_ratios[:mode][::-1])[::-1]
-    above = np.cumsum(log_ratios[mode:])
-    weights = np.exp(np.concatenate([below, [0.0], above]))
-    tails = np.cumsum(weights[::-1])[::-1]
-    return tails[1:] / tails[0]
