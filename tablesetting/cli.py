@@ -164,9 +164,15 @@ def _run(config: RunConfig) -> int:
         print(f"  {doubt}")
     recording = out / RECORDING
     print(f"recording: {recording} ({recording.stat().st_size / 1e6:.1f} MB)")
-    program = "tablesetting" if shutil.which("tablesetting") else sys.argv[0]
-    print(f"open it with: {shlex.join([program, 'inspect', str(out)])}")
+    print(f"open it with: {shlex.join([*_program(), 'inspect', str(out)])}")
     return FAILED if doubts and config.require_certificate else 0
+
+
+def _program() -> list[str]:
+    """Return how this program can be called."""
+    if Path(sys.argv[0]).name == "__main__.py":
+        return [sys.executable, "-m", "tablesetting"]
+    return ["tablesetting" if shutil.which("tablesetting") else sys.argv[0]]
 
 
 def _study(config: TrialsConfig) -> int:

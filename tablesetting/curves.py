@@ -89,6 +89,8 @@ class Share:
 
     def __str__(self) -> str:
         """Write it in percent, with the interval."""
+        if not self.total:
+            return "none"
         low, high = self.interval
         return f"{100 * self.value:.1f} ({100 * low:.0f}-{100 * high:.0f})"
 
@@ -140,8 +142,10 @@ class Reach:
         strategy: Who asks.
         level: The level.
         mean: Mean number of demonstrations over the trials; those that never get there
-            count one more than they had.
+            count one more than they had, so that the mean is too small.
         standard_error: How exact the mean is.
+        num_missed: Trials that never get there.
+        num_trials: How many trials there were.
         ratio: Mean over the baseline's, both in the same trials; None without one.
         ratio_error: Standard error of that, by the delta method.
     """
@@ -150,6 +154,8 @@ class Reach:
     level: float
     mean: float
     standard_error: float
+    num_missed: int
+    num_trials: int
     ratio: float | None
     ratio_error: float | None
 
@@ -167,8 +173,9 @@ def reaches(
         strategy: _first_at(*_by_step(_of_strategy(own, strategy), quantity), level)
         for strategy in dict.fromkeys(row["strategy"] for row in own)
     }
+    most = max(numbers(own, "num_demos"))
     return [
-        _reach(strategy, level, counts, needed.get(baseline))
+        _reach(strategy, level, counts, needed.get(baseline), most)
         for strategy, counts in needed.items()
     ]
 
@@ -180,7 +187,9 @@ def _first_at(num_demos: Array, values: Array, level: float) -> Array:
     return np.append(num_demos, num_demos[-1] + 1.0)[first]
 
 
-def _reach(strategy: str, level: float, counts: Array, others: Array | None) -> Reach:
+def _reach(
+    strategy: str, level: float, counts: Array, others: Array | None, most: float
+) -> Reach:
     num_trials = len(counts)
     spread = float(counts.std(ddof=min(1, num_trials - 1)))
     ratio = ratio_error = None
@@ -196,6 +205,8 @@ def _reach(strategy: str, level: float, counts: Array, others: Array | None) -> 
         level=level,
         mean=float(counts.mean()),
         standard_error=spread / float(np.sqrt(num_trials)),
+        num_missed=int(np.count_nonzero(counts > most)),
+        num_trials=num_trials,
         ratio=ratio,
         ratio_error=ratio_error,
     )

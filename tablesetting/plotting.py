@@ -1,7 +1,6 @@
 """Figures of a run: rows or arrays in, a matplotlib Figure out; nothing is shown."""
 
 from collections.abc import Mapping, Sequence
-from itertools import cycle
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +15,7 @@ Array = npt.NDArray[np.float64]
 
 _MEAN, _MAX, _BOUND = "#1b6ca8", "#d1495b", "#3c3c3c"
 _STRATEGIES = (_MEAN, "#f28e2b", "#59a14f", "#8e5ea2", "#7f7f7f")
+_STYLES = ("o-", "s-.", "^:")  # Of every further five.
 _MARKERS = (("X", "#1b6ca8"), ("P", "#d1495b"), ("D", "#f28e2b"))
 
 
@@ -38,8 +38,18 @@ def plot_learning(rows: Sequence[Mapping[str, str]], title: str) -> Figure:
         ("max_placement_error", _MAX, "-", "largest error, test layouts"),
         ("mean_placement_error", _MEAN, "-", "mean error, test layouts"),
     ):
-        values = numbers(rows, column)
+        values = np.array(numbers(rows, column))
         axes.plot(num_demos, values, style, color=color, marker="o", ms=4, label=label)
+        is_infinite = np.isinf(values)
+        if is_infinite.any():
+            axes.plot(
+                np.array(num_demos)[is_infinite],
+                np.full(is_infinite.sum(), 0.97),
+                "^",
+                color=color,
+                transform=axes.get_xaxis_transform(),
+                label=f"{label}: none",
+            )
     axes.set(
         xlabel="demonstrations",
         ylabel="placement error [table units]",
@@ -88,8 +98,8 @@ def plot_query(
         xlabel="x [table units]",
         ylabel="y, away from the robot [table units]",
         title=title,
-        xlim=(-0.12, 1.12),
-        ylim=(-0.12, 1.12),
+        xlim=(-0.25, 1.25),
+        ylim=(-0.25, 1.25),
         facecolor="#8a8f98",
     )
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
@@ -116,9 +126,18 @@ def plot_placement_study(ours: Curves, published: Curves, title: str) -> Figure:
     panels = figure.subplots(2, len(tasks), sharex=True, squeeze=False)
     for column, task in enumerate(tasks):
         upper, lower = panels[:, column]
-        for strategy, color in zip(strategies, cycle(_STRATEGIES), strict=False):
+        for index, strategy in enumerate(strategies):
             key = CurveKey(task, strategy, "mean_placement_error")
-            _draw_both(upper, key, strategy, color, ours, published)
+            round_, place = divmod(index, len(_STRATEGIES))
+            _draw_both(
+                upper,
+                key,
+                strategy,
+                _STRATEGIES[place],
+                ours,
+                published,
+                _STYLES[round_ % len(_STYLES)],
+            )
         for quantity, color, label in (
             ("var_bound", _BOUND, "0.95-VaR bound"),
             ("max_placement_error", _MAX, "largest error"),
@@ -192,6 +211,7 @@ def _draw_both(
     color: str,
     ours: Curves,
     published: Curves,
+    style: str = "o-",
 ) -> None:
     """Draw a curve with its bars, and behind it the published one with its band."""
     if key in published:
@@ -212,9 +232,9 @@ def _draw_both(
             curve.num_demos,
             curve.means,
             curve.half_stds,
+            fmt=style,
             color=color,
             label=label,
-            marker="o",
             ms=3.5,
             lw=1.2,
             elinewidth=0.8,

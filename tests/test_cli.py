@@ -51,7 +51,7 @@ def complaint(capsys, *argv):
         (["run", "vase", "--guess", "best"], ["--guess", "'best'", "map", "mean"]),
         (["run", "vase", "--teacher", "me"], ["--teacher", "'me'", "noisy", "offset"]),
         (["run", "vase", "--truth", "mine"], ["--truth", "task", "prior"]),
-        (["run", "vase", "--noise", "0"], ["error: --noise", "[0.001, 10000]", "0.0"]),
+        (["run", "vase", "--noise", "0"], ["error: --noise", "[0.001, 1]", "0.0"]),
         (["run", "vase", "--noise", "nan"], ["error: --noise", "got nan"]),
         (["run", "vase", "--beta", "0"], ["error: --beta", "[0.01, 10000]", "got 0.0"]),
         (
@@ -65,6 +65,30 @@ def complaint(capsys, *argv):
         (["run", "vase", "--target-ess", "0"], ["error: --target-ess", "got 0.0"]),
         (["run", "vase", "--max-rhat", "1"], ["error: --max-rhat", "over 1", "1.0"]),
         (["run", "vase", "--num-steps", "9"], ["error: --num-steps", "[2000, ", "9"]),
+        (
+            ["run", "vase", "--beta", "50"],
+            ["--beta has no effect with the likelihood placement", "--likelihood"],
+        ),
+        (
+            ["run", "vase", "--likelihood", "boltzmann", "--noise-spread", "1"],
+            ["--noise-spread has no effect with the likelihood boltzmann", "leave it"],
+        ),
+        (
+            ["run", "vase", "--likelihood", "auto", "--noise-spread", "1"],
+            ["--noise-spread must be 0 with --likelihood auto", "got 1.0"],
+        ),
+        (
+            ["run", "vase", "--likelihood", "auto", "--netcdf"],
+            ["--netcdf takes one likelihood", "got --likelihood auto"],
+        ),
+        (
+            ["run", "vase", "--preset", "paper", "--require-certificate"],
+            ["--require-certificate cannot be met with the paper preset"],
+        ),
+        (
+            ["run", "vase", "--epsilon", "0", "--require-certificate"],
+            ["--require-certificate cannot be met with --epsilon 0"],
+        ),
         (
             ["run", "vase", "--points", "--execute", "3"],
             ["--execute must be 0 with --points", "got 3"],
@@ -88,7 +112,7 @@ def complaint(capsys, *argv):
         ([*STUDY, "--tasks", "vase", "vase"], ["--tasks", "vase vase"]),
         ([*STUDY, "--strategies", "best"], ["'best'", "active-var", "random"]),
         ([*STUDY, "--strategies", "all", "random"], ["all stands alone", "all random"]),
-        ([*STUDY, "--noise", "0"], ["error: --noise", "[0.001, 10000]", "got 0.0"]),
+        ([*STUDY, "--noise", "0"], ["error: --noise", "[0.001, 1]", "got 0.0"]),
         ([*STUDY, "--teacher", "me"], ["--teacher", "'me'", "noisy", "offset"]),
         ([*STUDY, "--merge", "a", "--beta", "3"], ["--beta has no effect"]),
         ([*CALIBRATION, "--teachers", "me"], ["'me'", "exact", "offset"]),

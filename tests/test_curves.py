@@ -110,6 +110,7 @@ def test_demonstrations_are_counted_until_an_error_is_first_at_the_level():
     error = np.std(left, ddof=1) / 3**0.5 / (8 / 3)
     assert active.ratio_error == pytest.approx(error)
     assert (random.ratio, random.ratio_error) == (1.0, 0.0)
+    assert (active.num_missed, random.num_missed, random.num_trials) == (0, 1, 3)
 
 
 def test_the_error_of_a_ratio_is_its_spread_over_studies():
@@ -177,7 +178,7 @@ def test_of_no_cases_nothing_is_known():
     share = Share.of([])
     assert math.isnan(share.value)
     assert share.interval == (0.0, 1.0)
-    assert str(share) == "nan (0-100)"
+    assert str(share) == "none"
 
 
 def test_a_share_is_written_in_percent_with_its_interval():

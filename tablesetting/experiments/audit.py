@@ -8,6 +8,17 @@ from tablesetting.irl.strategies import STRATEGIES
 _STREAM = 1  # Of random numbers; the check of the fit has stream 0.
 
 
+def _layout_cells(latest: LearningRound, candidate: int) -> dict[str, float]:
+    """Say where the objects of a candidate layout stand."""
+    objects = latest.setup.problem.task.objects
+    layout = latest.learning.candidates[candidate]
+    return {
+        f"{name}_{axis}": float(value)
+        for name, place in zip(objects, layout, strict=True)
+        for axis, value in zip("xy", place, strict=True)
+    }
+
+
 def audit_rows(latest: LearningRound, asked_by: str) -> list[dict[str, object]]:
     """Return one row for each strategy.
 
@@ -32,6 +43,7 @@ def audit_rows(latest: LearningRound, asked_by: str) -> list[dict[str, object]]:
                 "var": float(learning.var[best]),
                 "var_rank": int((learning.var > learning.var[best]).sum()) + 1,
                 "is_chosen": int(best == learning.query_index),
+                **_layout_cells(latest, best),
             }
         )
     return rows

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from tablesetting.curves import Share
@@ -70,7 +71,7 @@ def calibrate(
             own = [row for row in every if math.isfinite(float(row["bound"]))]
             failed = [row for row in own if row["all_covered"] == "0"]
             errors = [float(row["mean_placement_error"]) for row in every]
-            bounds = sorted(float(row["bound"]) for row in every)
+            bounds = [float(row["bound"]) for row in every]
             shares = [float(row["share_covered"]) for row in own]
             yield Calibration(
                 teacher=teacher,
@@ -87,7 +88,7 @@ def calibrate(
                     [_is_certified(row) for row in failed]
                 ),
                 mean_placement_error=sum(errors) / len(every),
-                bound=bounds[len(bounds) // 2],
+                bound=median(bounds),
             )
 
 
@@ -142,7 +143,7 @@ def _tables(found: Sequence[Calibration], title: str) -> str:
         lines.append("|---" * (len(own) + 1) + "|")
         lines.append(_row("within its bound [%]", [str(e.covered) for e in own]))
         lines.append(
-            _row("the same, all layouts [%]", [f"{e.share_covered:.1%}" for e in own])
+            _row("the same, all layouts [%]", [_percent(e.share_covered) for e in own])
         )
         lines.append(
             _row("no error above the bound [%]", [str(e.all_covered) for e in own])
@@ -169,6 +170,10 @@ def _tables(found: Sequence[Calibration], title: str) -> str:
         lines.append(_row("mean error", [f"{e.mean_placement_error:.3f}" for e in own]))
         lines.append(_row("median bound", [f"{e.bound:.3f}" for e in own]))
     return "\n".join(lines) + "\n"
+
+
+def _percent(value: float) -> str:
+    return f"{value:.1%}" if math.isfinite(value) else "none"
 
 
 def _count(share: Share) -> str:

@@ -6,7 +6,9 @@ import math
 from typing import Any
 
 from tablesetting.experiments.learning import LearningRound
+from tablesetting.irl.certificate import has_mixed
 from tablesetting.results import package_versions
+from tablesetting.reward.config import PlacementConfig
 from tablesetting.reward.files import demonstrations_to_json
 
 CERTIFICATE_FORMAT = "tablesetting-certificate/1"
@@ -41,14 +43,20 @@ def certificate_to_json(latest: LearningRound) -> dict[str, Any]:
             "delta": bound.delta,
         },
         "order": {"rank": bound.rank, "of": bound.num_draws},
-        "layouts": {"distribution": setup.distribution, "count": bound.num_situations},
+        "layouts": {
+            "distribution": setup.distribution,
+            "count": bound.num_situations,
+            "sha256": hashlib.sha256(
+                setup.deployment.astype("<f8").tobytes()
+            ).hexdigest(),
+        },
         "sampler": {
             "num_samples": len(posterior.weights),
             "bulk_ess": posterior.diagnosis.bulk_ess,
             "tail_ess": posterior.diagnosis.tail_ess,
             "rhat": _finite(posterior.diagnosis.rhat),
             "kept_ess": posterior.kept_ess,
-            "has_mixed": posterior.is_sound,
+            "has_mixed": has_mixed(posterior),
             "target_ess": config.mcmc.target_ess,
             "max_rhat": config.mcmc.max_rhat,
         },
@@ -56,10 +64,7 @@ def certificate_to_json(latest: LearningRound) -> dict[str, Any]:
             "likelihood": config.likelihood,
             "shares": dict(posterior.shares),
             "guess": posterior.guess,
-            "beta": config.boltzmann.beta,
-            "beta_spread": config.boltzmann.beta_spread,
-            "noise_std": config.noise.noise_std,
-            "noise_spread": config.noise.noise_spread,
+            **_scales(config),
         },
         "fit": {
             "p_value": latest.fit.p_value,
@@ -79,6 +84,22 @@ def hash_demonstrations(latest: LearningRound) -> str:
     content = demonstrations_to_json(latest.learning.demos, latest.setup.problem.task)
     text = json.dumps(content, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _scales(config: PlacementConfig) -> dict[str, float]:
+    """Return how exact the person is thought to be, by the models that are used."""
+    scales: dict[str, float] = {}
+    if config.likelihood != "placement":
+        scales |= {
+            "beta": config.boltzmann.beta,
+            "beta_spread": config.boltzmann.beta_spread,
+        }
+    if config.likelihood != "boltzmann":
+        scales |= {
+            "noise_std": config.noise.noise_std,
+            "noise_spread": config.noise.noise_spread,
+        }
+    return scales
 
 
 def _finite(value: float) -> float | None:

@@ -88,22 +88,38 @@ def _reach_table(reached: Sequence[Reach]) -> list[str]:
         return []
     lines = [
         "",
+        "Means ± their standard error. Trials that never got there count one "
+        "demonstration more than they had, so that ≥ and ≤ mark what is a bound.",
+        "",
         _row(
             "demonstrations to a mean error of",
             (f"{level:g} | of random's" for level in levels),
         ),
         "|---" * (2 * len(levels) + 1) + "|",
     ]
+    missed = {e.level: e.num_missed for e in reached if e.strategy == "random"}
     for strategy in dict.fromkeys(each.strategy for each in reached):
         cells = []
         for each in (each for each in reached if each.strategy == strategy):
-            cells.append(f"{each.mean:.2f} ± {each.standard_error:.2f}")
-            has_ratio = each.ratio is not None and each.strategy != "random"
-            cells.append(
-                f"{each.ratio:.0%} ± {each.ratio_error:.0%}" if has_ratio else ""
-            )
+            cells += [_count_cell(each), _ratio_cell(each, missed.get(each.level, 0))]
         lines.append(_row(strategy, cells))
     return lines
+
+
+def _count_cell(each: Reach) -> str:
+    count = f"{each.mean:.2f} ± {each.standard_error:.2f}"
+    if not each.num_missed:
+        return count
+    return f"≥ {count} ({each.num_missed} of {each.num_trials} never)"
+
+
+def _ratio_cell(each: Reach, num_missed_at_random: int) -> str:
+    """Write a ratio, which says nothing where both sides are bounds."""
+    is_bound = bool(each.num_missed), bool(num_missed_at_random)
+    if each.ratio is None or each.strategy == "random" or all(is_bound):
+        return ""
+    sign = "≥ " if is_bound[0] else "≤ " if is_bound[1] else ""
+    return f"{sign}{each.ratio:.0%} ± {each.ratio_error:.0%}"
 
 
 def _gain_row(strategy: str, first: str, gain: Curve) -> str:

@@ -56,12 +56,12 @@ class LearningConfig:
     ] = None
     """What the robot acts on: the most probable weights or their mean."""
     noise: float = 0.01
-    """Standard deviation of the person's placements in `placement`, in table units of
-    0.5 m."""
+    """Standard deviation of a person's placements that `placement` assumes, in table
+    units of 0.5 m."""
     noise_spread: float = 0.0
     """Prior standard deviation of its logarithm, to learn the noise; 0 fixes it."""
     beta: float = 100.0
-    """Rationality of the person in `boltzmann`."""
+    """Rationality of a person that `boltzmann` assumes."""
     beta_spread: float = 0.0
     """Prior standard deviation of its logarithm, to learn it; 0 fixes it."""
     target_ess: float = 400.0
@@ -71,7 +71,9 @@ class LearningConfig:
     num_steps: int = 50_000
     """Most steps of each chain; a posterior that needs more is not certified."""
     teacher: TeacherName = "exact"
-    """The simulated person: exact, as a likelihood assumes, or wrong in some way."""
+    """The simulated person: exact; boltzmann, of rationality 100; noisy by 0.02;
+    blundering in 10 % of the answers; biased by 0.05 in x; or one who wants the item
+    0.15 to the right of an object."""
     truth: Literal["task", "prior"] = "task"
     """What that person wants: what the task says, or weights drawn from the prior."""
     points: Annotated[bool, arg(help_behavior_hint="(always in the paper preset)")] = (
@@ -80,10 +82,11 @@ class LearningConfig:
     """Take objects for points that may overlap; the arm does not act."""
 
     def __post_init__(self) -> None:
-        for name, least in (("noise", 0.001), ("beta", 0.01)):
-            if not least <= getattr(self, name) <= 1e4:
+        for name, least, most in (("noise", 0.001, 1.0), ("beta", 0.01, 10_000.0)):
+            if not least <= getattr(self, name) <= most:
                 raise ValueError(
-                    f"--{name} must be in [{least:g}, 10000]; got {getattr(self, name)}"
+                    f"--{name} must be in [{least:g}, {most:.0f}]; got "
+                    f"{getattr(self, name)}"
                 )
         if not 1.0 <= self.target_ess <= 1e5:
             raise ValueError(
@@ -109,8 +112,19 @@ class LearningConfig:
                 )
 
 
-def refuse_for_paper(preset: PresetName, learning: LearningConfig) -> None:
-    """Refuse what the sampler of the paper cannot do."""
+def refuse_without_effect(preset: PresetName, learning: LearningConfig) -> None:
+    """Refuse options of a model that is not used, and what the paper's sampler has not."""
+    likelihood = learning.likelihood or (
+        "boltzmann" if preset == "paper" else "placement"
+    )
+    other = {"boltzmann": "noise", "placement": "beta"}.get(likelihood)
+    for name in (other, f"{other}_spread") if other else ():
+        if getattr(learning, name) != getattr(LearningConfig(), name):
+            option = name.replace("_", "-")
+            raise ValueError(
+                f"--{option} has no effect with the likelihood {likelihood}; leave it "
+                "out, or choose another --likelihood"
+            )
     if preset != "paper":
         return
     if learning.likelihood not in (None, "boltzmann"):
@@ -118,7 +132,7 @@ def refuse_for_paper(preset: PresetName, learning: LearningConfig) -> None:
             "--likelihood must be boltzmann with the paper preset, whose chain is made "
             f"for it; got {learning.likelihood}. Use --preset default --points"
         )
-    for name in ("noise", "noise_spread", "target_ess", "max_rhat", "num_steps"):
+    for name in ("target_ess", "max_rhat", "num_steps"):
         if getattr(learning, name) != getattr(LearningConfig(), name):
             option = name.replace("_", "-")
             raise ValueError(
@@ -171,7 +185,7 @@ class RunConfig:
     delta: float = 0.05
     """Probability that the bound may miss its quantile by Monte Carlo error."""
     require_certificate: bool = False
-    """Exit with 1 unless the loss is certified to be below epsilon."""
+    """Ask on until the loss is certified to be below epsilon; exit with 1 unless it is."""
     audit: bool = False
     """Log in audit.csv what every strategy would have asked in each round."""
     netcdf: bool = False
@@ -193,7 +207,17 @@ class RunConfig:
         )
         if self.epsilon is not None and not 0.0 <= self.epsilon < math.inf:
             raise ValueError(f"--epsilon must be 0 or more; got {self.epsilon}")
-        refuse_for_paper(self.preset, self.learning)
+        refuse_without_effect(self.preset, self.learning)
+        if self.require_certificate and (self.preset == "paper" or self.epsilon == 0.0):
+            cause = "the paper preset" if self.preset == "paper" else "--epsilon 0"
+            raise ValueError(
+                f"--require-certificate cannot be met with {cause}; leave one of them out"
+            )
+        if self.netcdf and self.learning.likelihood == "auto":
+            raise ValueError(
+                "--netcdf takes one likelihood: a mixture of both has no chains; got "
+                "--likelihood auto"
+            )
         if not 0.0 < self.delta < 1.0:
             raise ValueError(f"--delta must be in (0, 1); got {self.delta}")
         if (self.preset == "paper" or self.learning.points) and self.execute:

@@ -60,10 +60,16 @@ def run(
 def _learn(
     config: RunConfig, setup: RunSetup, scene: Scene, recorder: RunRecorder
 ) -> Iterator[RunRound]:
-    """Learn until the budget is spent or the bound is below epsilon."""
+    """Learn until the budget is spent or the bound is small, on request certified so."""
     problem = setup.problem
     for num_asked, state in enumerate(learn(setup, config.strategy)):
-        latest = _evaluate(state, setup, is_last=num_asked == config.num_queries)
+        latest = _evaluate(
+            state,
+            setup,
+            is_enough=state.is_certain
+            and not (config.require_certificate and state.doubts),
+            is_last=num_asked == config.num_queries,
+        )
         recorder.log_round(round_view(latest, problem, config.strategy))
         if latest.stopped is None and num_asked < setup.num_executions:
             attempt = _act(state.learning, problem, scene, recorder)
@@ -76,7 +82,9 @@ def _learn(
             return
 
 
-def _evaluate(state: LearningRound, setup: RunSetup, *, is_last: bool) -> RunRound:
+def _evaluate(
+    state: LearningRound, setup: RunSetup, *, is_enough: bool, is_last: bool
+) -> RunRound:
     problem, query = setup.problem, state.learning.query
     guess = state.learning.posterior.guessed_weights
     return RunRound(
@@ -84,7 +92,7 @@ def _evaluate(state: LearningRound, setup: RunSetup, *, is_last: bool) -> RunRou
         placement=problem.best_placements(guess[None], query[None])[0, 0],
         truth=problem.wishes(query[None])[0],
         free_truth=problem.free_wish(query),
-        stopped="epsilon" if state.is_certain else "budget" if is_last else None,
+        stopped="epsilon" if is_enough else "budget" if is_last else None,
     )
 
 

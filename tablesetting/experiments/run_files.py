@@ -110,6 +110,7 @@ class RunFiles:
             "var_bound": last.learning.var_bound,
             "epsilon": self._setup.epsilon,
             "deployment_bound": certificate["bound"],
+            "share_within_epsilon": float(np.mean(last.errors < self._setup.epsilon)),
             "certified": certificate["certified"],
             "doubts": certificate["doubts"],
             "executions": summarize_attempts(
@@ -206,9 +207,12 @@ def _save_posterior(path: Path, latest: RunRound) -> None:
 def _save_netcdf(path: Path, latest: RunRound, problem: PlacementProblem) -> None:
     posterior = latest.learning.posterior
     shape = (posterior.num_chains, -1)
+    variables = {"weights": posterior.weights.reshape(*shape, len(problem.widths))}
+    if posterior.scales is not None:
+        variables["scale"] = posterior.scales.reshape(shape)
     save_netcdf(
         path,
-        posterior.weights.reshape(*shape, posterior.weights.shape[1]),
+        variables,
         {"lp": posterior.log_posts.reshape(shape)},
         {"task": problem.task.name, "num_demos": latest.num_demos},
     )

@@ -17,7 +17,7 @@ from tablesetting.experiments.config import (
     TeacherName,
     by_preset,
     refuse_below,
-    refuse_for_paper,
+    refuse_without_effect,
 )
 
 _MOST = {
@@ -89,7 +89,9 @@ class TrialsConfig(ABC):
             values = getattr(self, name)
             if not values or len(set(values)) < len(values):
                 given = " ".join(values) or "none"
-                raise ValueError(f"--{name} must name each at most once; got {given}")
+                raise ValueError(
+                    f"--{name} must name one at least, and each once; got {given}"
+                )
         if self.resume and (self.out is None or self.overwrite):
             raise ValueError("--resume goes with --out, and not with --overwrite")
         if self.shard is not None:
@@ -177,7 +179,7 @@ class PlacementStudyConfig(TrialsConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        refuse_for_paper(self.preset, self.learning)
+        refuse_without_effect(self.preset, self.learning)
         if "all" in self.strategies and len(self.strategies) > 1:
             raise ValueError(
                 f"--strategies all stands alone; got {' '.join(self.strategies)}"

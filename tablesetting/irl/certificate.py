@@ -84,6 +84,11 @@ class Bound:
         )
 
 
+def has_mixed(posterior: Posterior) -> bool:
+    """Tell whether chains are fit for a certificate, whatever they were asked for."""
+    return posterior.is_sound and posterior.rhat <= MAX_RHAT
+
+
 def doubts(bound: Bound, epsilon: float, posterior: Posterior, fit: float) -> list[str]:
     """Say why the loss cannot be certified to be below epsilon; nothing if it can.
 
@@ -105,10 +110,11 @@ def doubts(bound: Bound, epsilon: float, posterior: Posterior, fit: float) -> li
             f"the effective sample size, {bound.num_draws}, is below {least}, the "
             f"least for alpha {bound.alpha:g} at delta {bound.delta:.3g}"
         )
-    if not (posterior.is_sound and posterior.rhat <= MAX_RHAT):
+    if not has_mixed(posterior):
         found.append(
             f"the chains have not mixed: effective sample size {posterior.ess:.0f}, "
             f"R-hat {posterior.rhat:.3f} (at most {MAX_RHAT:g})"
+            + ("" if posterior.is_sound else " when their steps were spent")
         )
     if posterior.shares and max(posterior.shares.values()) < MIN_SHARE:
         found.append(

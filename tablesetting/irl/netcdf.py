@@ -17,18 +17,19 @@ _DIMENSIONS = ("chain", "draw", "weight")
 
 def save_netcdf(
     path: Path,
-    weights: Array,
+    posterior: Mapping[str, Array],
     sample_stats: Mapping[str, Array],
     attributes: Mapping[str, Attribute] | None = None,
 ) -> None:
     """Write chains as NetCDF in the InferenceData schema; `arviz.from_netcdf` reads it.
 
-    The groups are "posterior", with the variable "weights" over the dimensions chain,
-    draw and weight, and "sample_stats". Needs the extra `tablesetting[arviz]`.
+    The groups are "posterior" and "sample_stats", their variables over the dimensions
+    chain, draw and, for "weights", weight. Needs the extra `tablesetting[arviz]`.
 
     Args:
         path: The file, replaced if there is one.
-        weights: States, shape (C, S, D).
+        posterior: Parameters by name, such as "weights", shape (C, S, D); others of
+            shape (C, S).
         sample_stats: What is known of each state, shape (C, S) each, such as "lp", its
             log posterior.
         attributes: What else to say of the samples; joins who wrote them.
@@ -40,7 +41,7 @@ def save_netcdf(
     require_netcdf(path)
     import h5netcdf  # Most users never need it.
 
-    groups = {"posterior": {"weights": weights}, "sample_stats": sample_stats}
+    groups = {"posterior": posterior, "sample_stats": sample_stats}
     about = _library() | dict(attributes or {})
     with h5netcdf.File(path, "w") as file:
         file.attrs.update(about)

@@ -457,7 +457,19 @@ class WithPrior:
         return self._mover.log_likelihood(states) + self._log_new_prior(states)
 
     def _log_new_prior(self, states: Array) -> Array:
-        return self._log_density(states[:, : self.prior.dim])
+        found = np.asarray(self._log_density(states[:, : self.prior.dim]), dtype=float)
+        if found.shape != (len(states),):
+            raise ValueError(
+                f"`log_prior` must map weights of shape {states.shape} to log densities "
+                f"of shape {(len(states),)}; got shape {found.shape}"
+            )
+        unfit = found[np.isnan(found) | (found == np.inf)]
+        if unfit.size:
+            raise ValueError(
+                f"`log_prior` must be finite, or -inf where the prior is zero; got "
+                f"{unfit[0]}"
+            )
+        return found
 
     def take_steps(
         self,

@@ -48,7 +48,9 @@ class Recording:
             InvalidFile: If it is missing, damaged, cut off or of another kind.
         """
         if not path.is_file():
-            raise InvalidFile(f"no recording at {path}")
+            raise InvalidFile(
+                f"no recording at {path}; name the folder of a run, or its recording.rrd"
+            )
         try:
             self.is_complete, self._chunks = _read(path)
         except (RuntimeError, ValueError, OSError) as error:

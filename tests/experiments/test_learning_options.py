@@ -97,13 +97,15 @@ def test_the_teacher_errs_in_demonstrations_and_is_tested_by_what_is_wanted(tmp_
 def test_samples_are_written_for_arviz_on_request(tmp_path):
     h5netcdf = pytest.importorskip("h5netcdf")
     pytest.importorskip("h5py")
-    assert start(tmp_path / "run", *QUICKEST, "--netcdf") == 0
+    assert start(tmp_path / "run", *QUICKEST, "--netcdf", "--noise-spread", "1") == 0
     posterior = np.load(tmp_path / "run" / "posterior.npz")
     num_chains = int(posterior["num_chains"])
     with h5netcdf.File(tmp_path / "run" / "posterior.nc", "r") as file:
         weights = file["posterior"]["weights"][:]
         assert weights.shape == (num_chains, 200 // num_chains, 13)
         np.testing.assert_array_equal(weights.reshape(200, 13), posterior["weights"])
+        scales = file["posterior"]["scale"][:].ravel()
+        np.testing.assert_array_equal(scales, posterior["scales"])
         log_posts = file["sample_stats"]["lp"][:].ravel()
         np.testing.assert_array_equal(log_posts, posterior["log_posts"])
         assert (file.attrs["task"], file.attrs["num_demos"]) == ("vase", 2)

@@ -1,5 +1,5 @@
 import pytest
-from quick_cli import rows_of, start, without_seconds
+from quick_cli import content_of, rows_of, start, without_seconds
 
 from tablesetting.irl.strategies import STRATEGIES
 
@@ -24,12 +24,17 @@ def test_every_strategy_is_audited_in_every_round_and_nothing_else_changes(tmp_p
 def test_an_audit_says_what_is_asked_and_how_risky_that_is(tmp_path):
     assert start(tmp_path / "run", *OPTIONS, "--audit") == 0
     rounds = rows_of(tmp_path / "run")
+    shown = content_of(tmp_path / "run", "demonstrations.json")["demonstrations"]
     rows = rows_of(tmp_path / "run", "audit.csv")
     for latest in rounds:
         own = [row for row in rows if row["num_demos"] == latest["num_demos"]]
         (asked,) = [row for row in own if row["strategy"] == "active-var"]
         assert asked["is_chosen"] == "1"
         assert asked["score"] == asked["var"]
+        if latest["num_demos"] == "1":  # What is asked after it is shown next.
+            for name, place in shown[1]["layout"].items():
+                found = [float(asked[f"{name}_{axis}"]) for axis in "xy"]
+                assert found == pytest.approx(place)
         bound = float(latest["var_bound"])
         assert float(asked["var"]) == pytest.approx(bound, abs=1e-8)
         assert asked["var_rank"] == "1"

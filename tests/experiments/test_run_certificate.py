@@ -45,13 +45,12 @@ def test_a_certificate_has_all_the_fields_of_its_format(certified_run, vase_run)
             *("bound", "var", "alpha", "delta"),
             *("spending", "spending.rule", "spending.look", "spending.delta"),
             *("order", "order.rank", "order.of"),
-            *("layouts", "layouts.distribution", "layouts.count"),
+            *("layouts", "layouts.distribution", "layouts.count", "layouts.sha256"),
             *("sampler", "sampler.num_samples", "sampler.bulk_ess"),
             *("sampler.tail_ess", "sampler.kept_ess", "sampler.rhat"),
             "sampler.has_mixed",
             *("sampler.target_ess", "sampler.max_rhat"),
             *("model", "model.likelihood", "model.shares", "model.guess"),
-            *("model.beta", "model.beta_spread"),
             *("model.noise_std", "model.noise_spread"),
             *("fit", "fit.p_value", "fit.explained", "fit.foretold"),
             *("demonstrations", "demonstrations.count", "demonstrations.sha256"),
@@ -102,11 +101,13 @@ def test_the_certificate_agrees_with_the_other_files(certified_run):
     assert certificate["bound"] == pytest.approx(float(row["deployment_bound"]))
     assert certificate["fit"]["p_value"] == pytest.approx(float(row["fit"]))
     assert certificate["epsilon"] == resolved["epsilon"] == 2.0
-    assert certificate["layouts"] == {"distribution": "valid", "count": 100}
+    layouts = certificate["layouts"]
+    assert (layouts["distribution"], layouts["count"]) == ("valid", 100)
+    assert len(layouts["sha256"]) == 64
     problem = resolved["problem"]
     model = certificate["model"]
     assert (model["likelihood"], model["guess"]) == (problem["likelihood"], "mean")
-    assert model["beta"] == problem["boltzmann"]["beta"]
+    assert "beta" not in model  # It took no part.
     assert model["noise_std"] == problem["noise"]["noise_std"]
     posterior = np.load(certified_run / "posterior.npz")
     sampler = certificate["sampler"]
@@ -143,6 +144,22 @@ def test_a_missing_certificate_is_a_failure_where_it_is_required(tmp_path, capsy
     assert "not certified:\n  the bound" in capsys.readouterr().out
     assert not certificate_of(tmp_path / "run")["certified"]
     assert content_of(tmp_path / "run", "summary.json")["stopped"] == "budget"
+
+
+def test_a_run_asks_on_for_a_certificate_that_is_required(tmp_path):
+    """After one demonstration the bound is small enough, and the model open."""
+    options = ("--likelihood", "auto", "--epsilon", "2")
+    options += ("--num-queries", "1", "--execute", "0")
+    assert start(tmp_path / "run", *options, preset=MIXED) == 0
+    assert content_of(tmp_path / "run", "summary.json")["stopped"] == "epsilon"
+    (doubt,) = certificate_of(tmp_path / "run")["doubts"]
+    assert "which model of the person holds is open" in doubt
+    assert len(rows_of(tmp_path / "run")) == 1
+    options += ("--require-certificate",)
+    assert start(tmp_path / "required", *options, preset=MIXED) == 1
+    assert len(rows_of(tmp_path / "required")) == 2
+    model = certificate_of(tmp_path / "required")["model"]
+    assert (model["beta"], model["noise_std"]) == (100.0, 0.01)
 
 
 def test_the_paper_preset_certifies_nothing(tmp_path):

@@ -147,7 +147,7 @@ def test_nothing_is_doubted_where_all_is_well():
             {"posterior": UNSOUND},
             [
                 "the chains have not mixed: effective sample size 60, R-hat 1.200 (at "
-                "most 1.01)"
+                "most 1.01) when their steps were spent"
             ],
         ),
         (

@@ -21,14 +21,16 @@ def test_without_the_extra_the_error_names_the_remedy(tmp_path, monkeypatch, mis
     weights, log_posts = chains()
     remedy = rf"without {missing}; run: pip install 'tablesetting\[arviz\]'"
     with pytest.raises(OutputError, match=remedy):
-        save_netcdf(tmp_path / "posterior.nc", weights, {"lp": log_posts})
+        save_netcdf(tmp_path / "posterior.nc", {"weights": weights}, {"lp": log_posts})
 
 
 def test_the_file_follows_the_schema(tmp_path):
     h5netcdf = pytest.importorskip("h5netcdf")
     weights, log_posts = chains()
     path = tmp_path / "posterior.nc"
-    save_netcdf(path, weights, {"lp": log_posts}, {"task": "vase", "num_demos": 3})
+    save_netcdf(
+        path, {"weights": weights}, {"lp": log_posts}, {"task": "vase", "num_demos": 3}
+    )
     with h5netcdf.File(path, "r") as file:
         posterior, stats = file["posterior"], file["sample_stats"]
         assert posterior["weights"].dimensions == ("chain", "draw", "weight")
@@ -45,8 +47,8 @@ def test_an_earlier_file_is_replaced(tmp_path):
     h5netcdf = pytest.importorskip("h5netcdf")
     weights, log_posts = chains()
     path = tmp_path / "posterior.nc"
-    save_netcdf(path, weights, {"lp": log_posts})
-    save_netcdf(path, weights[:, :20], {})
+    save_netcdf(path, {"weights": weights}, {"lp": log_posts})
+    save_netcdf(path, {"weights": weights[:, :20]}, {})
     with h5netcdf.File(path, "r") as file:
         assert file["posterior"]["weights"].shape == (4, 20, 3)
         assert not file["sample_stats"].variables
@@ -58,7 +60,7 @@ def test_arviz_reads_the_file_back(tmp_path):
     arviz = pytest.importorskip("arviz")
     weights, log_posts = chains()
     path = tmp_path / "posterior.nc"
-    save_netcdf(path, weights, {"lp": log_posts})
+    save_netcdf(path, {"weights": weights}, {"lp": log_posts})
     data = arviz.from_netcdf(path)
     assert data.posterior["weights"].dims == ("chain", "draw", "weight")
     np.testing.assert_array_equal(data.posterior["weights"], weights)

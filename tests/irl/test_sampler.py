@@ -262,6 +262,22 @@ def test_a_prior_that_no_start_has_is_refused(num_particles):
         run_chains(mover, config, rng=np.random.default_rng(0))
 
 
+@pytest.mark.parametrize(
+    ("log_prior", "message"),
+    [
+        (lambda w: -20.0 * (w**2).sum(), r"of shape \(4,\); got shape \(\)"),
+        (lambda w: -(w**2), r"of shape \(4,\); got shape \(4, 2\)"),
+        (lambda w: np.where(w[:, 0] > 0, 0.0, np.nan), "finite, or -inf .* got nan"),
+        (lambda w: np.where(w[:, 0] > 0, 0.0, np.inf), "finite, or -inf .* got inf"),
+    ],
+    ids=["scalar", "of each weight", "nan", "infinite"],
+)
+def test_what_is_no_log_density_is_refused(log_prior, message):
+    states = np.array([[0.5, 0.5], [-0.5, 0.5], [0.1, -0.9], [-1.0, 0.0]])
+    with pytest.raises(ValueError, match="`log_prior` must .*" + message):
+        with_prior(flat, log_prior).log_likelihood(states)
+
+
 def test_another_prior_leaves_further_parameters_with_theirs():
     scale_prior = LogNormal(median=1.0, spread=0.5)
     config = replace(UNANNEALED, num_steps=1000)
