@@ -1,13 +1,20 @@
 """What a study found: a summary, the figure, and a comparison with the paper."""
 
-from collections.abc import Sequence
-from dataclasses import fields
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tablesetting.curves import Curve, Curves, average, paired_difference, reaches
+from tablesetting.curves import (
+    Curve,
+    Curves,
+    Reach,
+    average,
+    paired_difference,
+    reaches,
+)
 from tablesetting.experiments.comparison import compare
 from tablesetting.experiments.config import LearningConfig
 from tablesetting.experiments.published import Difference, differences, published_curves
@@ -59,7 +66,7 @@ def write_results(
     figure = plot_placement_study(curves, published, title)
     for name in (FIGURE, FIGURE.replace(".png", ".svg")):
         folder.write(name, figure.savefig)
-    folder.write_json(SUMMARY, _summarize(curves, found, rows, config))
+    folder.write_json(SUMMARY, _summarize(curves, found, reached, rows, config))
     return _tell(curves, found)
 
 
@@ -90,6 +97,7 @@ def _save_text(path: Path, text: str) -> None:
 def _summarize(
     curves: Curves,
     found: Sequence[Difference],
+    reached: Mapping[str, Sequence[Reach]],
     rows: Sequence[Row],
     config: PlacementStudyConfig,
 ) -> dict[str, Any]:
@@ -112,6 +120,11 @@ def _summarize(
         "num_trials": config.num_trials,
         "shard": config.shard,
         "curves": means,
+        "reached": [
+            {"task": task} | asdict(each)
+            for task, own in reached.items()
+            for each in own
+        ],
         "published": {
             "num_points": len(bars),
             "num_within_error_bars": sum(each.is_within_bar for each in found),

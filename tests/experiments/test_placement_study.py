@@ -14,6 +14,7 @@ import quick_cli
 
 from tablesetting import cli
 from tablesetting.experiments import study as study_module
+from tablesetting.experiments.config import LearningConfig
 from tablesetting.experiments.placement_study import columns, run_trial
 from tablesetting.experiments.published import published_curves
 from tablesetting.experiments.setup import RunSetup
@@ -97,6 +98,22 @@ def test_the_summary_is_the_mean_of_the_rows(whole):
         )
         np.testing.assert_allclose(curve["mean"], values.mean(axis=0), atol=1e-6)
         np.testing.assert_allclose(curve["std"], values.std(axis=0, ddof=1), atol=1e-6)
+
+
+def test_the_summary_says_how_many_demonstrations_each_strategy_took(whole):
+    reached = json.loads((whole / "summary.json").read_text())["reached"]
+    assert len(reached) == 2 * 2 * 2  # Tasks, strategies, levels.
+    for each in reached:
+        errors = np.reshape(
+            [
+                float(row["mean_placement_error"])
+                for row in rows_of(whole)
+                if (row["task"], row["strategy"]) == (each["task"], each["strategy"])
+            ],
+            (3, 3),
+        )
+        num_missed = np.count_nonzero(errors.min(axis=1) > each["level"])
+        assert (each["num_missed"], each["num_trials"]) == (num_missed, 3)
 
 
 def test_strategies_share_first_demonstration_candidates_and_test_layouts(whole):
@@ -394,7 +411,8 @@ def test_every_option_reaches_the_trial(option):
     ids=str,
 )
 def test_every_option_of_learning_reaches_the_trial(option):
-    config = replace(SMALL_CONFIG, preset="default")
+    usual = LearningConfig(likelihood="boltzmann" if "beta" in min(option) else None)
+    config = replace(SMALL_CONFIG, preset="default", learning=usual)
     learning = replace(config.learning, **option)
     assert prepare(replace(config, learning=learning)) != prepare(config)
 
@@ -534,7 +552,7 @@ def test_an_interrupted_study_says_how_to_go_on(tmp_path, monkeypatch, capsys):
 
 ANOTHER = ("--preset", "default", "--likelihood", "placement", "--points")
 ANOTHER += ("--teacher", "noisy", "--truth", "prior", "--candidates", "any")
-ANOTHER += ("--beta", "50", "--num-candidates", "4")
+ANOTHER += ("--noise", "0.02", "--num-candidates", "4")
 
 
 def quick_study(out, *options):
@@ -557,21 +575,21 @@ def test_a_study_may_be_of_other_people_and_another_likelihood(another):
     options, problem = config["options"], config["resolved"]["problem"]
     assert "learning" not in options
     expected = {"likelihood": "placement", "teacher": "noisy", "points": True}
-    expected |= {"candidates": "any", "beta": 50.0, "noise": 0.01, "truth": "prior"}
+    expected |= {"candidates": "any", "beta": 100.0, "noise": 0.02, "truth": "prior"}
     assert {name: options[name] for name in expected} == expected
     assert problem["likelihood"] == "placement"
-    assert problem["boltzmann"]["beta"] == 50.0
+    assert problem["noise"]["noise_std"] == 0.02
     summary = json.loads((another / "summary.json").read_text())
     assert summary["published"]["num_points"] == 0  # Of another experiment.
     title, *_ = (another / "comparison.md").read_text().splitlines()
     for setting in (
         "likelihood placement",
-        "beta 50.0",
+        "noise 0.02",
         "teacher noisy",
         "points True",
     ):
         assert setting in title
-    assert "noise" not in title
+    assert "beta" not in title
 
 
 def test_options_of_learning_are_kept_by_resume(another, tmp_path, capsys):
@@ -583,8 +601,8 @@ def test_options_of_learning_are_kept_by_resume(another, tmp_path, capsys):
     assert rows_of(folder) == rows_of(another)
     changes = [
         ("--teacher", "exact", "teacher = 'noisy', not 'exact'"),
-        ("--likelihood", "boltzmann", "likelihood = 'placement', not 'boltzmann'"),
-        ("--beta", "60", "beta = 50.0, not 60.0"),
+        ("--likelihood", "auto", "likelihood = 'placement', not 'auto'"),
+        ("--noise", "0.03", "noise = 0.02, not 0.03"),
         ("--noise-spread", "0.5", "noise_spread = 0.0, not 0.5"),
     ]
     capsys.readouterr()

@@ -70,10 +70,10 @@ def test_nothing_is_compared_where_the_settings_are_not_the_papers():
 
 def test_the_comparison_says_how_many_demonstrations_small_errors_take():
     reached = [
-        Reach("active-var", 0.05, 3.5, 0.25, 0.7, 0.041),
-        Reach("random", 0.05, 5.0, 0.5, 1.0, 0.0),
-        Reach("active-var", 0.02, 6.0, 0.3, 0.75, 0.05),
-        Reach("random", 0.02, 8.0, 0.4, 1.0, 0.0),
+        Reach("active-var", 0.05, 3.5, 0.25, 0, 9, 0.7, 0.041),
+        Reach("random", 0.05, 5.0, 0.5, 0, 9, 1.0, 0.0),
+        Reach("active-var", 0.02, 6.0, 0.3, 0, 9, 0.75, 0.05),
+        Reach("random", 0.02, 8.0, 0.4, 0, 9, 1.0, 0.0),
     ]
     text = compare("9 trials", OURS, [], {"vase": {}}, {"vase": reached})
     assert (
@@ -82,6 +82,23 @@ def test_the_comparison_says_how_many_demonstrations_small_errors_take():
         "\n| active-var | 3.50 ± 0.25 | 70% ± 4% | 6.00 ± 0.30 | 75% ± 5% |"
         "\n| random | 5.00 ± 0.50 |  | 8.00 ± 0.40 |  |\n"
     ) in text
-    alone = [Reach("cvar", 0.05, 3.5, 0.25, None, None)]
+    alone = [Reach("cvar", 0.05, 3.5, 0.25, 0, 9, None, None)]
     text = compare("9 trials", OURS, [], {"vase": {}}, {"vase": alone})
     assert "| cvar | 3.50 ± 0.25 |  |" in text
+
+
+@pytest.mark.parametrize(
+    ("missed", "at_random", "cells"),
+    [
+        (0, 2, "| 3.00 ± 0.10 | ≤ 75% ± 5% |"),
+        (1, 0, "| ≥ 3.00 ± 0.10 (1 of 9 never) | ≥ 75% ± 5% |"),
+        (1, 2, "| ≥ 3.00 ± 0.10 (1 of 9 never) |  |"),
+    ],
+)
+def test_what_is_but_a_bound_on_a_count_is_marked(missed, at_random, cells):
+    reached = [
+        Reach("cvar", 0.05, 3.0, 0.1, missed, 9, 0.75, 0.05),
+        Reach("random", 0.05, 4.0, 0.2, at_random, 9, 1.0, 0.0),
+    ]
+    text = compare("9 trials", OURS, [], {"vase": {}}, {"vase": reached})
+    assert f"| cvar {cells}" in text
