@@ -1,6 +1,7 @@
 """Figures of a run: rows or arrays in, a matplotlib Figure out; nothing is shown."""
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle, product
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +16,7 @@ Array = npt.NDArray[np.float64]
 
 _MEAN, _MAX, _BOUND = "#1b6ca8", "#d1495b", "#3c3c3c"
 _STRATEGIES = (_MEAN, "#f28e2b", "#59a14f", "#8e5ea2", "#7f7f7f")
-_STYLES = ("o-", "s-.", "^:")  # Of every further five.
+_STYLES = ("o-", "s-.", "^:")  # The next where all colours are used up.
 _MARKERS = (("X", "#1b6ca8"), ("P", "#d1495b"), ("D", "#f28e2b"))
 
 
@@ -126,18 +127,10 @@ def plot_placement_study(ours: Curves, published: Curves, title: str) -> Figure:
     panels = figure.subplots(2, len(tasks), sharex=True, squeeze=False)
     for column, task in enumerate(tasks):
         upper, lower = panels[:, column]
-        for index, strategy in enumerate(strategies):
+        looks = cycle(product(_STYLES, _STRATEGIES))
+        for strategy, (style, color) in zip(strategies, looks, strict=False):
             key = CurveKey(task, strategy, "mean_placement_error")
-            round_, place = divmod(index, len(_STRATEGIES))
-            _draw_both(
-                upper,
-                key,
-                strategy,
-                _STRATEGIES[place],
-                ours,
-                published,
-                _STYLES[round_ % len(_STYLES)],
-            )
+            _draw_both(upper, key, strategy, color, ours, published, style)
         for quantity, color, label in (
             ("var_bound", _BOUND, "0.95-VaR bound"),
             ("max_placement_error", _MAX, "largest error"),

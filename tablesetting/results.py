@@ -10,6 +10,7 @@ import fcntl
 import fnmatch
 import io
 import json
+import math
 import os
 import re
 import shutil
@@ -94,17 +95,18 @@ class RunFolder:
             ) from error
         return cls(path)
 
-    def clear(self, *, overwrite: bool) -> None:
+    def clear(self, *, overwrite: bool, remedy: str = "") -> None:
         """Empty the folder; what is lost by that has to be an earlier run.
 
         Args:
             overwrite: Whether an earlier run may be removed.
+            remedy: What else to advise where it may not.
 
         Raises:
             OutputError: If there is one and it may not, or there is something else.
         """
         try:
-            _clear(self.path, overwrite=overwrite)
+            _clear(self.path, overwrite=overwrite, remedy=remedy)
         except OSError as error:
             raise OutputError(
                 f"cannot write to '{self.path}': {_reason(error)}; choose another --out"
@@ -258,17 +260,23 @@ def numbers(rows: Sequence[Row], column: str) -> list[float]:
     return [float(row[column]) if row[column] else float("nan") for row in rows]
 
 
+def finite_or_none(value: float) -> float | None:
+    """Return a number as JSON has it: none for what is not finite."""
+    return value if math.isfinite(value) else None
+
+
 def _reason(error: OSError) -> str:
     """Say what went wrong; an error without a number has no `strerror`."""
     return error.strerror or str(error)
 
 
-def _clear(path: Path, *, overwrite: bool) -> None:
+def _clear(path: Path, *, overwrite: bool, remedy: str) -> None:
     """Remove an earlier run, and nothing but a run."""
     if not all(_is_leftover(found) for found in path.iterdir()):
         if not overwrite:
             raise OutputError(
-                f"'{path}' exists already; choose another --out or pass --overwrite"
+                f"'{path}' exists already; {remedy}choose another --out or pass "
+                "--overwrite"
             )
         foreign = _first_foreign(path)
         if foreign is not None:

@@ -4,19 +4,9 @@ import numpy as np
 
 from tablesetting.experiments.learning import LearningRound
 from tablesetting.irl.strategies import STRATEGIES
+from tablesetting.reward.files import layout_to_json
 
 _STREAM = 1  # Of random numbers; the check of the fit has stream 0.
-
-
-def _layout_cells(latest: LearningRound, candidate: int) -> dict[str, float]:
-    """Say where the objects of a candidate layout stand."""
-    objects = latest.setup.problem.task.objects
-    layout = latest.learning.candidates[candidate]
-    return {
-        f"{name}_{axis}": float(value)
-        for name, place in zip(objects, layout, strict=True)
-        for axis, value in zip("xy", place, strict=True)
-    }
 
 
 def audit_rows(latest: LearningRound, asked_by: str) -> list[dict[str, object]]:
@@ -47,3 +37,14 @@ def audit_rows(latest: LearningRound, asked_by: str) -> list[dict[str, object]]:
             }
         )
     return rows
+
+
+def _layout_cells(latest: LearningRound, candidate: int) -> dict[str, float]:
+    """Say where the objects of a candidate layout stand."""
+    objects = latest.setup.problem.task.objects
+    layout = layout_to_json(latest.learning.candidates[candidate], objects)
+    return {
+        f"{name}_{axis}": value
+        for name, place in layout.items()
+        for axis, value in zip("xy", place, strict=True)
+    }

@@ -12,7 +12,7 @@ from tablesetting.experiments.setup import DEFAULTS
 from tablesetting.experiments.study_config import CalibrationStudyConfig
 from tablesetting.irl.certificate import MIN_FIT
 from tablesetting.plotting import plot_calibration
-from tablesetting.results import SUMMARY, Row, RunFolder
+from tablesetting.results import SUMMARY, Row, RunFolder, finite_or_none
 
 CALIBRATION = "calibration.md"
 FIGURE = "figures/calibration.png"
@@ -197,18 +197,13 @@ def _summarize(
         "calibration": [
             asdict(each)
             | {
-                "share_covered": _finite(each.share_covered),
+                "share_covered": finite_or_none(round(each.share_covered, 6)),
                 "mean_placement_error": round(each.mean_placement_error, 6),
-                "bound": _finite(each.bound),
+                "bound": finite_or_none(round(each.bound, 6)),
             }
             for each in found
         ],
     }
-
-
-def _finite(value: float) -> float | None:
-    """Return a number as JSON has it: none for what is not finite."""
-    return round(value, 6) if math.isfinite(value) else None
 
 
 def _tell(found: Sequence[Calibration]) -> list[str]:

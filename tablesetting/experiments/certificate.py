@@ -2,12 +2,11 @@
 
 import hashlib
 import json
-import math
 from typing import Any
 
 from tablesetting.experiments.learning import LearningRound
 from tablesetting.irl.certificate import has_mixed
-from tablesetting.results import package_versions
+from tablesetting.results import finite_or_none, package_versions
 from tablesetting.reward.config import PlacementConfig
 from tablesetting.reward.files import demonstrations_to_json
 
@@ -33,7 +32,7 @@ def certificate_to_json(latest: LearningRound) -> dict[str, Any]:
         "claim": None if latest.doubts else claim,
         "task": problem.task.name,
         "epsilon": setup.epsilon,
-        "bound": _finite(bound.value),
+        "bound": finite_or_none(bound.value),
         "var": bound.var,
         "alpha": bound.alpha,
         "delta": config.risk.delta,
@@ -54,7 +53,7 @@ def certificate_to_json(latest: LearningRound) -> dict[str, Any]:
             "num_samples": len(posterior.weights),
             "bulk_ess": posterior.diagnosis.bulk_ess,
             "tail_ess": posterior.diagnosis.tail_ess,
-            "rhat": _finite(posterior.diagnosis.rhat),
+            "rhat": finite_or_none(posterior.diagnosis.rhat),
             "kept_ess": posterior.kept_ess,
             "has_mixed": has_mixed(posterior),
             "target_ess": config.mcmc.target_ess,
@@ -100,8 +99,3 @@ def _scales(config: PlacementConfig) -> dict[str, float]:
             "noise_spread": config.noise.noise_spread,
         }
     return scales
-
-
-def _finite(value: float) -> float | None:
-    """Return a number as JSON has it: none for infinity."""
-    return value if math.isfinite(value) else None

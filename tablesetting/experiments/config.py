@@ -99,13 +99,12 @@ class LearningConfig:
                 f"--num-steps must be in [2000, 10000000]; got {self.num_steps}"
             )
         for name in ("noise_spread", "beta_spread"):
+            option = name.replace("_", "-")
             if not 0.0 <= getattr(self, name) <= 2.0:
-                option = name.replace("_", "-")
                 raise ValueError(
                     f"--{option} must be in [0, 2]; got {getattr(self, name)}"
                 )
             if self.likelihood == "auto" and getattr(self, name) > 0.0:
-                option = name.replace("_", "-")
                 raise ValueError(
                     f"--{option} must be 0 with --likelihood auto, which weighs models "
                     f"of fixed noise and rationality; got {getattr(self, name)}"
@@ -117,14 +116,16 @@ def refuse_without_effect(preset: PresetName, learning: LearningConfig) -> None:
     likelihood = learning.likelihood or (
         "boltzmann" if preset == "paper" else "placement"
     )
-    other = {"boltzmann": "noise", "placement": "beta"}.get(likelihood)
-    for name in (other, f"{other}_spread") if other else ():
-        if getattr(learning, name) != getattr(LearningConfig(), name):
-            option = name.replace("_", "-")
-            raise ValueError(
-                f"--{option} has no effect with the likelihood {likelihood}; leave it "
-                "out, or choose another --likelihood"
-            )
+    unused = {
+        "boltzmann": ("noise", "noise_spread"),
+        "placement": ("beta", "beta_spread"),
+        "auto": (),
+    }
+    _refuse_changed(
+        learning,
+        unused[likelihood],
+        f"with the likelihood {likelihood}; leave it out, or choose another --likelihood",
+    )
     if preset != "paper":
         return
     if learning.likelihood not in (None, "boltzmann"):
@@ -132,18 +133,26 @@ def refuse_without_effect(preset: PresetName, learning: LearningConfig) -> None:
             "--likelihood must be boltzmann with the paper preset, whose chain is made "
             f"for it; got {learning.likelihood}. Use --preset default --points"
         )
-    for name in ("target_ess", "max_rhat", "num_steps"):
-        if getattr(learning, name) != getattr(LearningConfig(), name):
-            option = name.replace("_", "-")
-            raise ValueError(
-                f"--{option} has no effect in the paper preset, which has its own model "
-                "and sampler; leave it out"
-            )
+    _refuse_changed(
+        learning,
+        ("target_ess", "max_rhat", "num_steps"),
+        "in the paper preset, which has its own model and sampler; leave it out",
+    )
     if learning.beta_spread > 0.0:
         raise ValueError(
             "--beta-spread must be 0 with the paper preset, whose chain samples weights "
             f"alone; got {learning.beta_spread}"
         )
+
+
+def _refuse_changed(
+    learning: LearningConfig, names: tuple[str, ...], where: str
+) -> None:
+    """Refuse options that are not what they are unless told, and would do nothing."""
+    for name in names:
+        if getattr(learning, name) != getattr(LearningConfig(), name):
+            option = name.replace("_", "-")
+            raise ValueError(f"--{option} has no effect {where}")
 
 
 @dataclass(frozen=True)

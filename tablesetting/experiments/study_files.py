@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from tablesetting.errors import InvalidFile, OutputError
+from tablesetting.errors import InvalidFile
 from tablesetting.experiments.studies import columns
 from tablesetting.experiments.study_config import TrialsConfig
 from tablesetting.experiments.study_settings import (
@@ -68,12 +68,9 @@ class StudyFolder:
                 folder.remove_leftovers()  # What a kill cut short goes.
                 study.write_rows()
             else:
-                if (path / CONFIG).exists() and not config.overwrite:
-                    raise OutputError(
-                        f"'{path}' exists already; go on with it by --resume, choose "
-                        "another --out or pass --overwrite"
-                    )
-                folder.clear(overwrite=config.overwrite)
+                is_run = (path / CONFIG).exists()
+                remedy = "go on with it by --resume, " if is_run else ""
+                folder.clear(overwrite=config.overwrite, remedy=remedy)
                 folder.write_json(CONFIG, describe(config))
                 study = cls(folder, config, {})
             yield study

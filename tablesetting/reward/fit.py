@@ -12,6 +12,7 @@ from tablesetting.reward.config import PlacementConfig
 from tablesetting.reward.likelihood import Demonstration
 from tablesetting.reward.placement import best_placements
 from tablesetting.reward.rbf import all_centers, rbf_features
+from tablesetting.reward.square import cell_centers
 
 _NUM_ANSWERS = 8  # Of each sample: few would hide how unlikely a blunder is.
 _CELLS_PER_SIDE = 32  # Of the square, for the answers of a person of rationality 100.
@@ -122,17 +123,15 @@ def draw_answers(
     Returns:
         Placements, shape (N, 2), in table units.
     """
+    scales = posterior.scales
     if posterior.likeliest_model(config.likelihood) == "placement":
-        scales = posterior.scales
         stds = config.noise.noise_std if scales is None else scales[:, None]
         return np.clip(wanted + stds * rng.standard_normal(wanted.shape), 0.0, 1.0)
-    scales = posterior.scales
     betas = config.boltzmann.beta if scales is None else scales[:, None]
     size = _enough_cells(float(np.max(betas)))
-    ticks = (np.arange(size) + 0.5) / size
-    grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
-    exponents = rbf_features(grid, all_centers(layout), widths) @ posterior.weights.T
-    exponents = betas * exponents.T
+    grid = cell_centers(size)
+    rewards = posterior.weights @ rbf_features(grid, all_centers(layout), widths).T
+    exponents = betas * rewards
     chances = np.exp(exponents - exponents.max(axis=1, keepdims=True)).cumsum(axis=1)
     draws = rng.random(len(chances)) * chances[:, -1]
     cells = (chances < draws[:, None]).sum(axis=1)

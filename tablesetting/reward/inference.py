@@ -13,7 +13,7 @@ from tablesetting.irl.posterior import (
     infer_posterior,
     mix_posteriors,
 )
-from tablesetting.irl.sampler import LogDensity
+from tablesetting.irl.sampler import LogDensity, McmcConfig
 from tablesetting.reward.config import ModelName, PlacementConfig
 from tablesetting.reward.likelihood import BoltzmannLikelihood, Demonstration
 from tablesetting.reward.placement_likelihood import PlacementLikelihood
@@ -64,17 +64,9 @@ def infer_weights(
     Returns:
         The posterior; under `auto` the mixture of both models.
     """
-    names, mcmc = tuple(MODELS), config.mcmc
-    if config.likelihood != "auto":
-        names = (config.likelihood,)
-    else:
-        mcmc = replace(
-            mcmc,
-            num_particles=max(mcmc.num_particles, _NUM_PARTICLES),
-            steps_per_rung=max(mcmc.steps_per_rung, _STEPS_PER_RUNG),
-        )
-    posteriors: dict[str, Posterior] = {
-        name: infer_posterior(
+
+    def infer(name: ModelName, mcmc: McmcConfig) -> Posterior:
+        return infer_posterior(
             MODELS[name](demos, widths, config),
             len(widths),
             mcmc,
@@ -83,10 +75,15 @@ def infer_weights(
             guess=config.guess or _BETTER_GUESS[name],
             rng=rng,
         )
-        for name in names
-    }
+
     if config.likelihood != "auto":
-        return posteriors[config.likelihood]
+        return infer(config.likelihood, config.mcmc)
+    thorough = replace(
+        config.mcmc,
+        num_particles=max(config.mcmc.num_particles, _NUM_PARTICLES),
+        steps_per_rung=max(config.mcmc.steps_per_rung, _STEPS_PER_RUNG),
+    )
+    posteriors: dict[str, Posterior] = {name: infer(name, thorough) for name in MODELS}
     guess_of = model_to_guess_by(posteriors, len(demos))
     return mix_posteriors(posteriors, model_shares(posteriors), guess_of)
 

@@ -10,6 +10,7 @@ from tablesetting.irl.posterior import Posterior
 from tablesetting.reward.config import PlacementConfig
 from tablesetting.reward.placement import best_placements
 from tablesetting.reward.rbf import all_centers, rbf_features
+from tablesetting.reward.square import cell_centers
 
 _NUM_COMPARED = 100  # Samples that strategies compare with each other.
 _ANSWERS_PER_SIDE = 16  # Cells of the square, for a demonstrator who chooses freely.
@@ -77,8 +78,7 @@ class PlacementOutlook:
             density = np.exp(-0.5 * squared / std**2) / (2.0 * np.pi * std**2)
             cell = 1.0 / _ANSWERS_PER_SIDE**2
             return Answers(density * cell, np.full(len(squared), 1.0 / len(squared)))
-        ticks = (np.arange(_ANSWERS_PER_SIDE) + 0.5) / _ANSWERS_PER_SIDE
-        grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
+        grid = cell_centers(_ANSWERS_PER_SIDE)
         rewards = self._weights @ self._features(query, grid).T
         exponents = self._scale(self._config.boltzmann.beta) * rewards
         chances = np.exp(exponents - exponents.max(axis=1, keepdims=True))

@@ -40,6 +40,11 @@ def grid_points(widths: Array) -> Array:
     return _lattice(grid_ticks(widths))
 
 
+def cell_centers(size: int) -> Array:
+    """Return the centers of the cells of a square grid, shape (size * size, 2)."""
+    return _lattice((np.arange(size) + 0.5) / size)
+
+
 def _lattice(ticks: Array) -> Array:
     """Pair coordinates with each other, rows from the first on, shape (T * T, 2)."""
     return np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
