@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from tablesetting.irl.arrays import Array, Indices, normalize_l1
+from tablesetting.irl.map_search import ConcaveLikelihood, Gradient, find_map
 from tablesetting.irl.random_walk import RandomWalk
 from tablesetting.irl.sampler import (
     Chains,
@@ -21,10 +22,6 @@ from tablesetting.irl.sampler import (
 )
 
 Guess = Literal["map", "mean"]
-
-_MAP_BATCH = 64  # Proposals tried at once on the way to the MAP.
-_MAP_STEP = 0.03
-_MAP_GROWTH, _MAP_SHRINKAGE = 1.2, 0.7  # After a step that was better, or not.
 
 
 @dataclass(frozen=True)
@@ -143,12 +140,18 @@ def infer_posterior(
         noise = rng.standard_normal((config.num_chains, dim))
         start = normalize_l1(center + config.step_std * noise)
     chains = run_chains(mover, config, start=start, rng=rng)
-    map_weights = climb_to_map(
-        _log_post_beside(mover, chains.best_state, dim),
-        chains.best_state[:dim],
-        config.num_map_steps if guess == "map" else 0,
-        rng=rng,
-    )
+    map_weights = chains.best_state[:dim]
+    if guess == "map" and config.num_map_steps:
+        others = chains.best_state[dim:]
+        map_weights = find_map(
+            _log_post_beside(mover, others),
+            map_weights,
+            config.num_map_steps,
+            gradient=_gradient_beside(log_likelihood, others)
+            if log_prior is None and isinstance(log_likelihood, ConcaveLikelihood)
+            else None,
+            rng=rng,
+        )
     return _keep(chains, dim, config, map_weights, guess, log_prior is None)
 
 
@@ -209,15 +212,20 @@ def _rows_of_each(shares: Mapping[str, float], num_rows: int) -> dict[str, Indic
     }
 
 
-def _log_post_beside(mover: Mover, state: Array, dim: int) -> LogDensity:
-    """Return the log posterior of weights beside the other parameters of a state."""
+def _log_post_beside(mover: Mover, others: Array) -> LogDensity:
+    """Return the log posterior of weights beside given other parameters."""
 
     def log_post(weights: Array) -> Array:
-        others = np.broadcast_to(state[dim:], (len(weights), len(state) - dim))
-        states = np.hstack([weights, others])
+        beside = np.broadcast_to(others, (len(weights), len(others)))
+        states = np.hstack([weights, beside])
         return mover.log_likelihood(states) + mover.prior.log_density(states)
 
     return log_post
+
+
+def _gradient_beside(log_likelihood: ConcaveLikelihood, others: Array) -> Gradient:
+    """Return the gradient by the weights beside given other parameters."""
+    return lambda weights: log_likelihood.gradient(np.concatenate([weights, others]))
 
 
 def _keep(
@@ -246,41 +254,3 @@ def _keep(
         is_sound=chains.diagnosis.is_sound(config),
         log_evidence=chains.log_evidence if is_evidence_known else math.nan,
     )
-
-
-def climb_to_map(
-    log_post: LogDensity,
-    start: Array,
-    num_steps: int,
-    *,
-    rng: np.random.Generator,
-) -> Array:
-    """Climb from a good sample to the most probable weights by a random search.
-
-    The best of many samples in a dozen dimensions is still well below the mode. Each
-    step takes the best of a batch of proposals of mixed sizes; the sizes grow after a
-    step that was better and shrink where none is. No derivatives are needed, nor does
-    the search mind the edges of the L1 sphere, where sparse rewards lie.
-
-    Args:
-        log_post: Log posterior of a batch of weights.
-        start: Where to begin, shape (D,), of unit L1 norm.
-        num_steps: Batches to try.
-        rng: Source of the proposals.
-
-    Returns:
-        Weights at least as probable as the start, shape (D,).
-    """
-    best, best_value, step = start, log_post(start[None])[0], _MAP_STEP
-    for _ in range(num_steps):
-        sizes = step * rng.lognormal(-0.5, 1.0, size=(_MAP_BATCH, 1))
-        noise = rng.standard_normal((_MAP_BATCH, len(start)))
-        proposals = normalize_l1(best + sizes * noise)
-        values = log_post(proposals)
-        index = int(values.argmax())
-        if values[index] > best_value:
-            best, best_value = proposals[index], values[index]
-            step *= _MAP_GROWTH
-        else:
-            step *= _MAP_SHRINKAGE
-    return best

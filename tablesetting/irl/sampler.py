@@ -57,8 +57,8 @@ class McmcConfig:
     """Whether the acceptance accounts for the renormalised proposal's density, which
     makes the prior exactly uniform on the L1 sphere. The paper's chain does not."""
     num_map_steps: int = 60
-    """Steps that climb from the most probable sample to the MAP; the paper's best guess
-    is that sample."""
+    """Most steps from the most probable sample to the MAP; the paper's best guess is
+    that sample."""
     starts_at_map: bool = False
     """Whether chains start one proposal from the previous MAP, as the paper's does,
     rather than at draws from the prior."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.special import softmax
 
 from tablesetting.irl.arrays import Array
 from tablesetting.irl.random_walk import Proposals, RandomWalk
@@ -124,6 +125,34 @@ class BoltzmannLikelihood:
             Log densities over the unit square, shape (C,).
         """
         return _kernels.log_likelihoods(np.ascontiguousarray(states), self._features)
+
+    def gradient(self, state: Array) -> Array:
+        r"""Differentiate the log likelihood by the weights.
+
+        .. math:: \nabla_w = \beta \sum_d (\phi(x_d) - E_w[\phi(x) \mid C_d])
+
+        The likelihood is concave in the weights, as that of any log-linear model.
+
+        Args:
+            state: Weights of any norm, then the logarithm of beta where it is sampled,
+                shape (D + E,).
+
+        Returns:
+            The gradient, shape (D,).
+        """
+        features = self._features
+        dim, num_objects = len(features.shown), features.objects.shape[1]
+        beta = math.exp(state[dim]) if self._beta_prior else features.beta
+        of_objects, of_table = state[:num_objects], state[num_objects:dim]
+        rewards = of_objects @ features.objects + of_table @ features.table
+        chances = softmax(beta * rewards + features.log_shares, axis=1)
+        expected = np.concatenate(
+            [
+                np.einsum("dg,dkg->k", chances, features.objects),
+                features.table @ chances.sum(axis=0),
+            ]
+        )
+        return beta * (features.shown - expected)
 
     def mover(self, config: McmcConfig) -> RandomWalk:
         """Return what takes the steps."""

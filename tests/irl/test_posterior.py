@@ -10,7 +10,6 @@ from scipy.stats import chisquare
 from tablesetting.irl.arrays import normalize_l1
 from tablesetting.irl.posterior import (
     Posterior,
-    climb_to_map,
     infer_posterior,
     mix_posteriors,
 )
@@ -115,21 +114,6 @@ def test_the_climb_is_spared_where_the_robot_does_not_act_on_the_map():
     reached = peaked(np.array([by_mean.map_weights, by_map.map_weights]))
     assert reached[0] < reached[1]
     np.testing.assert_array_equal(by_map.weights, by_mean.weights)
-
-
-@pytest.mark.parametrize("mode", [(0.6, -0.3, 0.1), (1.0, 0.0, 0.0), (0.0, -0.5, 0.5)])
-def test_the_search_climbs_from_a_good_sample_to_the_mode(mode):
-    """On a face of the L1 sphere, at its vertex and on an edge."""
-    rng = np.random.default_rng(0)
-
-    def log_likelihood(weights):
-        return -50.0 * np.square(weights - mode).sum(axis=1)
-
-    for noise in rng.normal(0.0, 0.1, (10, 3)):
-        start = normalize_l1(mode + noise)
-        found = climb_to_map(log_likelihood, start, 200, rng=rng)
-        assert np.abs(found).sum() == pytest.approx(1.0)
-        np.testing.assert_allclose(found, mode, atol=1e-3)
 
 
 def test_default_chains_mix_on_an_easy_target():

@@ -335,3 +335,40 @@ def test_truth_is_more_likely_than_other_rewards_after_many_demonstrations():
         likelihood = BoltzmannLikelihood(demos, problem.widths, GAUSS)
         others = sample_uniform_weights(500, len(problem.widths), rng=rng)
         assert likelihood(task.true_weights[None]) > likelihood(others).max()
+
+
+@pytest.mark.parametrize("config", [GAUSS, LATTICE, SAMPLED])
+def test_gradient_equals_finite_differences(config):
+    rng = np.random.default_rng(0)
+    log_likelihood = BoltzmannLikelihood(random_demos(3, rng), WIDTHS, config)
+    state = 0.7 * sample_uniform_weights(1, 13, rng=rng)[0]  # Off the sphere, too.
+    if config.beta_spread:
+        state = np.append(state, math.log(config.beta) + 0.3)
+    steps = 1e-6 * np.eye(13, len(state))
+    rises = log_likelihood(state + steps) - log_likelihood(state - steps)
+    np.testing.assert_allclose(
+        log_likelihood.gradient(state), rises / 2e-6, rtol=1e-6, atol=1e-6
+    )
+
+
+@pytest.mark.parametrize("num_demos", [1, 3, 10])
+def test_the_map_is_the_same_for_every_seed(num_demos):
+    """Chains end elsewhere, but the most probable reward on the sphere is one."""
+    problem = PlacementProblem(SPOON, DEFAULT)
+    rng = np.random.default_rng(0)
+    layouts = problem.space.sample(num_demos, rng=rng)
+    demos = [problem.demonstrate(layout, rng=rng) for layout in layouts]
+    log_likelihood = BoltzmannLikelihood(demos, problem.widths, BoltzmannConfig())
+    brief = McmcConfig(num_steps=400, burn_in=200, num_samples=40, target_ess=None)
+    found = np.array(
+        [
+            infer_posterior(
+                log_likelihood,
+                len(problem.widths),
+                brief,
+                rng=np.random.default_rng(seed),
+            ).map_weights
+            for seed in range(3)
+        ]
+    )
+    np.testing.assert_allclose(found, found[:1].repeat(3, axis=0), atol=1e-3)
