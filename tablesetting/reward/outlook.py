@@ -3,6 +3,7 @@
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from tablesetting.irl.arrays import Array, Indices, row_blocks
 from tablesetting.irl.outlook import Answers
@@ -73,7 +74,8 @@ class PlacementOutlook:
         the best placement, that of each sample, hit or missed by a Gaussian error.
         """
         if self._posterior.likeliest_model(self._config.likelihood) == "placement":
-            squared = self.distances(query) ** 2
+            placements = self._placements[query]
+            squared = cdist(placements, placements, "sqeuclidean")
             std = max(self._scale(self._config.noise.noise_std), _LEAST_STD)
             density = np.exp(-0.5 * squared / std**2) / (2.0 * np.pi * std**2)
             cell = 1.0 / _ANSWERS_PER_SIDE**2
@@ -93,7 +95,7 @@ class PlacementOutlook:
 
     def distances(self, query: int) -> Array:
         """Return the distances between the samples' best placements, shape (M, M)."""
-        return _pairwise(self._placements[query])
+        return cdist(self._placements[query], self._placements[query])
 
     def values(self, query: int) -> Array:
         """Return the reward by sample i of the best placement of j, shape (M, M)."""
@@ -118,7 +120,7 @@ class PlacementOutlook:
         placements = self._deployed_placements[:, 1:]
         total = np.zeros((placements.shape[1],) * 2)
         for each in placements:
-            total += _pairwise(each)
+            total += cdist(each, each)
         return total / len(placements)
 
     def _scale(self, fixed: float) -> float:
@@ -149,9 +151,3 @@ def placement_losses(layouts: Array, posterior: Posterior, widths: Array) -> Arr
         offsets = placements[:, 1:] - placements[:, :1]
         losses[block] = np.hypot(offsets[..., 0], offsets[..., 1])
     return losses
-
-
-def _pairwise(points: Array) -> Array:
-    """Return the distances between points, shape (M, 2), as shape (M, M)."""
-    offsets = points[:, None] - points
-    return np.hypot(offsets[..., 0], offsets[..., 1])
