@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+IN_PARALLEL := -q -n auto --maxprocesses 4 --dist worksteal  # each worker compiles a scene
 
 .DEFAULT_GOAL := help
 .PHONY: help install run test test-slow format check bench picture reproduction clean
@@ -25,10 +26,10 @@ run: $(INSTALLED)  ## Teach the robot where the vase goes, and record it.
 	$(BIN)/tablesetting run vase
 
 test: $(INSTALLED)  ## Run the tests.
-	$(BIN)/pytest -q
+	$(BIN)/pytest $(IN_PARALLEL)
 
 test-slow: $(INSTALLED)  ## Run the slow tests, too.
-	$(BIN)/pytest -q -m "slow or not slow"
+	$(BIN)/pytest $(IN_PARALLEL) -m "slow or not slow"
 
 format: $(INSTALLED)  ## Format the code and mend what lint can.
 	$(BIN)/ruff format
