@@ -116,8 +116,9 @@ def _unbox(text: str) -> str:
     plain = re.sub(r"\x1b\[[0-9;]*m", "", text)  # It has colours on a terminal.
     lines = [line.strip("│| ") for line in plain.splitlines()[1:]]
     body = itertools.dropwhile(_is_rule, lines)
-    message = itertools.takewhile(lambda line: not _is_rule(line), body)
-    return re.sub(r"^Error parsing (\w+Config|__\S+): ", "", " ".join(message))
+    message = " ".join(itertools.takewhile(lambda line: not _is_rule(line), body))
+    message = re.sub(r", 'None'|'None', ", "", message)  # Is listed, but refused.
+    return re.sub(r"^Error parsing (\w+Config|__\S+): ", "", message)
 
 
 def _is_rule(line: str) -> bool:

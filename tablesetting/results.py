@@ -41,7 +41,7 @@ _RUN_FILES = (
     *("calibration.md", "figures/calibration.png"),
 )
 
-_PACKAGES = ("mujoco", "dm-control", "mink", "rerun-sdk", "numpy", "numba")
+_PACKAGES = ("mujoco", "dm-control", "mink", "rerun-sdk", "numpy", "scipy", "numba")
 
 
 def package_versions() -> dict[str, str]:

@@ -157,6 +157,11 @@ def test_bad_input_is_refused_in_one_line(argv, parts, capsys):
         assert part in message
 
 
+@pytest.mark.parametrize("option", ["--likelihood", "--guess"])
+def test_no_choice_is_offered_that_is_refused(option, capsys):
+    assert "None" not in complaint(capsys, "run", "vase", option, "unknown")
+
+
 @pytest.mark.parametrize(
     ("layout", "parts"),
     [

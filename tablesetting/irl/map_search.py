@@ -15,8 +15,9 @@ Gradient = Callable[[Array], Array]
 _BATCH = 64  # Proposals tried at once in a climb.
 _FIRST_STEP = 0.03
 _GROWTH, _SHRINKAGE = 1.2, 0.7  # After a step that was better, or not.
-_TOLERANCE = 1e-9  # Of a maximum [nats],
-_ROUNDING = 1e-6  # and of its norm.
+_TOLERANCE = 1e-9  # At which steps towards a maximum end [nats],
+_LEAST_GAP = 1e-3  # what it may fall short by [nats],
+_ROUNDING = 1e-6  # and its norm.
 
 
 @runtime_checkable
@@ -27,7 +28,7 @@ class ConcaveLikelihood(Protocol):
         """Evaluate log likelihoods of states, shape (C, D + E), as shape (C,)."""
         ...
 
-    def gradient(self, state: Array) -> Array:
+    def concave_gradient(self, state: Array) -> Array:
         """Differentiate by the weights of a state, shape (D + E,), as shape (D,)."""
         ...
 
@@ -43,8 +44,9 @@ def find_map(
     """Search for the most probable weights from a good sample.
 
     On the sphere even a concave log posterior has a mode on many faces. Over the ball,
-    which is convex, it has one maximum; where that is on the sphere, it is the MAP,
-    wherever the search began. Otherwise the search climbs to a mode nearby.
+    which is convex, its maximum is one, but for weights that make no difference; where
+    that is on the sphere, it is the MAP, wherever the search began. Where it is inside,
+    or was not reached, the search climbs on from it, to a mode nearby.
 
     Args:
         log_post: Log posterior of a batch of weights.
@@ -59,10 +61,22 @@ def find_map(
     if gradient is not None:
         found = maximize_on_ball(log_post, gradient, start, num_steps)
         norm = np.abs(found).sum()
-        if norm > 1.0 - _ROUNDING:
-            values = log_post(np.array([found / norm, start]))
-            return found / norm if values[0] >= values[1] else start
+        values = log_post(np.array([found / max(norm, _ROUNDING), start]))
+        if values[0] >= values[1]:
+            start = found / norm
+            is_outermost = norm > 1.0 - _ROUNDING
+            if is_outermost and _shortfall(gradient(start), start) < _LEAST_GAP:
+                return start
     return climb_to_map(log_post, start, num_steps, rng=rng)
+
+
+def _shortfall(gradient: Array, weights: Array) -> float:
+    """Bound how far a concave function is below its maximum over the L1 ball.
+
+    By the tangent plane, which is highest at a vertex (the duality gap of Frank and
+    Wolfe, Jaggi 2013).
+    """
+    return float(np.abs(gradient).max() - gradient @ weights)
 
 
 def maximize_on_ball(

@@ -225,7 +225,9 @@ def _log_post_beside(mover: Mover, others: Array) -> LogDensity:
 
 def _gradient_beside(log_likelihood: ConcaveLikelihood, others: Array) -> Gradient:
     """Return the gradient by the weights beside given other parameters."""
-    return lambda weights: log_likelihood.gradient(np.concatenate([weights, others]))
+    return lambda weights: log_likelihood.concave_gradient(
+        np.concatenate([weights, others])
+    )
 
 
 def _keep(

@@ -126,7 +126,7 @@ class BoltzmannLikelihood:
         """
         return _kernels.log_likelihoods(np.ascontiguousarray(states), self._features)
 
-    def gradient(self, state: Array) -> Array:
+    def concave_gradient(self, state: Array) -> Array:
         r"""Differentiate the log likelihood by the weights.
 
         .. math:: \nabla_w = \beta \sum_d (\phi(x_d) - E_w[\phi(x) \mid C_d])

@@ -347,7 +347,7 @@ def test_gradient_equals_finite_differences(config):
     steps = 1e-6 * np.eye(13, len(state))
     rises = log_likelihood(state + steps) - log_likelihood(state - steps)
     np.testing.assert_allclose(
-        log_likelihood.gradient(state), rises / 2e-6, rtol=1e-6, atol=1e-6
+        log_likelihood.concave_gradient(state), rises / 2e-6, rtol=1e-6, atol=1e-6
     )
 
 
@@ -372,3 +372,29 @@ def test_the_map_is_the_same_for_every_seed(num_demos):
         ]
     )
     np.testing.assert_allclose(found, found[:1].repeat(3, axis=0), atol=1e-3)
+
+
+@pytest.mark.parametrize("config", [GAUSS, SAMPLED])
+@pytest.mark.parametrize("log_prior", [None, lambda weights: weights[:, 0]])
+def test_the_search_for_the_map_knows_the_gradient_of_what_it_climbs(
+    config, log_prior, monkeypatch
+):
+    """With the beta that it holds; under another prior it knows none."""
+    handed_on = []
+
+    def spy(log_post, start, num_steps, *, gradient, rng):
+        handed_on.append((log_post, start, gradient))
+        return start
+
+    monkeypatch.setattr("tablesetting.irl.posterior.find_map", spy)
+    rng = np.random.default_rng(0)
+    log_likelihood = BoltzmannLikelihood(random_demos(3, rng), WIDTHS, config)
+    brief = McmcConfig(num_steps=40, burn_in=20, num_samples=40, target_ess=None)
+    infer_posterior(log_likelihood, 13, brief, log_prior=log_prior, rng=rng)
+    [(log_post, start, gradient)] = handed_on
+    if log_prior is not None:
+        assert gradient is None
+        return
+    steps = 1e-6 * np.eye(13)
+    rises = log_post(start + steps) - log_post(start - steps)
+    np.testing.assert_allclose(gradient(start), rises / 2e-6, rtol=1e-5, atol=1e-5)
