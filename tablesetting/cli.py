@@ -163,6 +163,8 @@ def _run(config: RunConfig) -> int:
     print("not certified:" if doubts else "certified: see certificate.json")
     for doubt in doubts:
         print(f"  {doubt}")
+    share = float((latest.errors < setup.epsilon).mean())
+    print(f"in truth: error below {setup.epsilon:g} in {share:.0%} of the test layouts")
     recording = out / RECORDING
     print(f"recording: {recording} ({recording.stat().st_size / 1e6:.1f} MB)")
     print(f"open it with: {shlex.join([*_program(), 'inspect', str(out)])}")

@@ -125,7 +125,10 @@ def test_a_bound_above_epsilon_is_not_certified_when_the_budget_ends(tmp_path, c
     (doubt,) = certificate["doubts"]
     bound = f"the bound, {certificate['bound']:.4f}, is not below epsilon, 0.01"
     assert doubt == bound
-    assert f"not certified:\n  {bound}\n" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert f"not certified:\n  {bound}\n" in told
+    share = content_of(tmp_path / "run", "summary.json")["share_within_epsilon"]
+    assert f"in truth: error below 0.01 in {share:.0%} of the test layouts" in told
 
 
 def test_chains_that_have_not_mixed_are_not_relied_on(vase_run):
