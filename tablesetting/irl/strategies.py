@@ -275,7 +275,7 @@ def score_placement_equivalence(
     def remaining_distance(query: int) -> float:
         answers = outlook.answers(query)
         weights = _responsibilities(answers.likelihoods)
-        means = (weights * (distances @ weights)).sum(axis=0)
+        means = np.einsum("mg,mg->g", weights, distances @ weights)
         return float(answers.probabilities @ means)
 
     return -_per_query(outlook, remaining_distance)

@@ -81,9 +81,10 @@ class PlacementOutlook:
             cell = 1.0 / _ANSWERS_PER_SIDE**2
             return Answers(density * cell, np.full(len(squared), 1.0 / len(squared)))
         grid = cell_centers(_ANSWERS_PER_SIDE)
-        rewards = self._weights @ self._features(query, grid).T
-        exponents = self._scale(self._config.boltzmann.beta) * rewards
-        chances = np.exp(exponents - exponents.max(axis=1, keepdims=True))
+        beta = self._scale(self._config.boltzmann.beta)
+        chances = (beta * self._weights) @ self._features(query, grid).T
+        chances -= chances.max(axis=1, keepdims=True)
+        np.exp(chances, out=chances)
         chances /= chances.sum(axis=1, keepdims=True)
         return Answers(chances, chances.mean(axis=0))
 
