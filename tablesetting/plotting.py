@@ -1,5 +1,6 @@
 """Figures of a run: rows or arrays in, a matplotlib Figure out; nothing is shown."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from itertools import cycle, product
 
@@ -17,6 +18,7 @@ Array = npt.NDArray[np.float64]
 _MEAN, _MAX, _BOUND = "#1b6ca8", "#d1495b", "#3c3c3c"
 _STRATEGIES = (_MEAN, "#f28e2b", "#59a14f", "#8e5ea2", "#7f7f7f")
 _STYLES = ("o-", "s-.", "^:")  # The next where all colours are used up.
+_LETTERS_PER_INCH = 12  # Of a title.
 _MARKERS = (("X", "#1b6ca8"), ("P", "#d1495b"), ("D", "#f28e2b"))
 
 
@@ -149,7 +151,7 @@ def plot_placement_study(ours: Curves, published: Curves, title: str) -> Figure:
         axes.legend(
             frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5)
         )
-    figure.suptitle(title, fontsize=10)
+    _write_title(figure, title)
     return figure
 
 
@@ -193,7 +195,7 @@ def plot_calibration(
         axes.set_xlabel("demonstrations")
     for axes in panels[:, 0]:
         axes.set_ylabel("losses within the bound")
-    figure.suptitle(title, fontsize=10)
+    _write_title(figure, title)
     return figure
 
 
@@ -233,3 +235,9 @@ def _draw_both(
             elinewidth=0.8,
             capsize=2.0,
         )
+
+
+def _write_title(figure: Figure, title: str) -> None:
+    """Write the title of a study in as many lines as the figure's width asks for."""
+    width = int(_LETTERS_PER_INCH * figure.get_figwidth())
+    figure.suptitle(textwrap.fill(title, width), fontsize=10)

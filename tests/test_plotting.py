@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from tablesetting.curves import Curve, CurveKey
 from tablesetting.plotting import (
@@ -118,6 +119,18 @@ def test_a_study_of_one_task_and_strategy_has_one_column():
     assert len(figure.axes) == 2
     labels = figure.axes[1].get_legend_handles_labels()[1]
     assert labels == ["random, mean error"]
+
+
+def test_a_long_title_stays_on_the_figure():
+    key = CurveKey("vase", "random", "mean_placement_error")
+    title = ", ".join(["likelihood boltzmann", "target ess 200.0"] * 5)
+    figure = plot_placement_study({key: curve(0.3, 0.2)}, {}, title)
+    FigureCanvasAgg(figure).draw()
+    (text,) = figure.texts
+    extent = text.get_window_extent()
+    assert figure.bbox.x0 <= extent.x0
+    assert extent.x1 <= figure.bbox.x1
+    assert text.get_text().replace("\n", " ") == title
 
 
 CALIBRATED = [
