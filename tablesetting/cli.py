@@ -163,7 +163,7 @@ def _run(config: RunConfig) -> int:
     print("not certified:" if doubts else "certified: see certificate.json")
     for doubt in doubts:
         print(f"  {doubt}")
-    share = float((latest.errors < setup.epsilon).mean())
+    share = latest.state.share_within_epsilon
     print(f"in truth: error below {setup.epsilon:g} in {share:.0%} of the test layouts")
     recording = out / RECORDING
     print(f"recording: {recording} ({recording.stat().st_size / 1e6:.1f} MB)")

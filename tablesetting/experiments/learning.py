@@ -52,6 +52,11 @@ class LearningRound:
         guess = self.learning.posterior.guessed_weights
         return self.setup.validation.placement_errors(guess)
 
+    @property
+    def share_within_epsilon(self) -> float:
+        """Share of the test layouts whose error is below epsilon."""
+        return float(np.mean(self.errors < self.setup.epsilon))
+
     @cached_property
     def bound(self) -> Bound:
         """The bound on the loss in layouts such as the robot will meet."""

@@ -110,7 +110,7 @@ class RunFiles:
             "var_bound": last.learning.var_bound,
             "epsilon": self._setup.epsilon,
             "deployment_bound": certificate["bound"],
-            "share_within_epsilon": float(np.mean(last.errors < self._setup.epsilon)),
+            "share_within_epsilon": last.state.share_within_epsilon,
             "certified": certificate["certified"],
             "doubts": certificate["doubts"],
             "executions": summarize_attempts(

@@ -24,10 +24,6 @@ _ROUNDING = 1e-6  # and its norm.
 class ConcaveLikelihood(Protocol):
     """A log likelihood that is concave in the weights, on the L1 sphere and off it."""
 
-    def __call__(self, states: Array) -> Array:
-        """Evaluate log likelihoods of states, shape (C, D + E), as shape (C,)."""
-        ...
-
     def concave_gradient(self, state: Array) -> Array:
         """Differentiate by the weights of a state, shape (D + E,), as shape (D,)."""
         ...

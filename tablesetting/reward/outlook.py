@@ -74,8 +74,7 @@ class PlacementOutlook:
         the best placement, that of each sample, hit or missed by a Gaussian error.
         """
         if self._posterior.likeliest_model(self._config.likelihood) == "placement":
-            placements = self._placements[query]
-            squared = cdist(placements, placements, "sqeuclidean")
+            squared = self.distances(query) ** 2
             std = max(self._scale(self._config.noise.noise_std), _LEAST_STD)
             density = np.exp(-0.5 * squared / std**2) / (2.0 * np.pi * std**2)
             cell = 1.0 / _ANSWERS_PER_SIDE**2
