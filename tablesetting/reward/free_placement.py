@@ -1,7 +1,8 @@
 """The best placement where objects are in the way of the best one on the square.
 
-It is one of: a local optimum of the square that is free, a point of an obstacle's
-outline where the reward is stationary along it, or a corner of the free space.
+It is one of: a local optimum of the square that is free, a point of the outline of an
+obstacle or a receptacle where the reward is stationary along it, or a corner of the
+free space.
 """
 
 import numpy as np

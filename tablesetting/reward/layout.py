@@ -1,6 +1,6 @@
 """Layouts: where the objects may stand, and random ones."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +9,7 @@ from tablesetting.errors import InvalidLayout
 from tablesetting.irl.arrays import Array, Booleans
 from tablesetting.reward.footprint import POINT, Footprint
 from tablesetting.reward.free_space import FreeSpace
-from tablesetting.reward.tasks import FOOTPRINTS, PlacementTask
+from tablesetting.reward.tasks import FOOTPRINTS, RECEPTACLE_RADIUS, PlacementTask
 
 _MIN_GAP = 0.03  # Between footprints of objects, in table units: 15 mm.
 _BATCH = 256  # Layouts drawn at once.
@@ -45,9 +45,21 @@ class LayoutSpace:
             clearance=task.clearance,
         )
 
-    def free_space(self, layout: Array) -> FreeSpace:
-        """Return where the item fits in a layout, shape (K, 2), in table units."""
-        return FreeSpace.around(layout, self.footprints, self.item, self.clearance)
+    def free_space(self, layout: Array, receptacles: Sequence[str] = ()) -> FreeSpace:
+        """Return where the item fits among the objects, and in some of them.
+
+        Args:
+            layout: Object centers, shape (K, 2), in table units.
+            receptacles: The objects that the item may be put into.
+        """
+        return FreeSpace.around(
+            layout,
+            self.footprints,
+            self.item,
+            self.clearance,
+            receptacles=[self.objects.index(name) for name in receptacles],
+            receptacle_radius=RECEPTACLE_RADIUS,
+        )
 
     def are_apart(self, layouts: Array) -> Booleans:
         """Tell in which layouts, shape (L, K, 2), no two objects touch, shape (L,)."""
@@ -57,7 +69,7 @@ class LayoutSpace:
         return apart
 
     def has_room(self, layout: Array) -> bool:
-        """Tell whether the item fits anywhere on the table."""
+        """Tell whether the item fits anywhere on the table, beside all objects."""
         return bool(self.free_space(layout).contains(_ROOM_GRID).any())
 
     def check(self, layout: Array) -> None:

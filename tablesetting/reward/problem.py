@@ -158,7 +158,7 @@ class PlacementProblem:
         return rbf_features(points, all_centers(layout), self.widths) @ weights
 
     def best_free_placement(self, weights: Array, layout: Array) -> Array:
-        """Find the best placement where the item fits physically.
+        """Find the best placement where the item fits: on the table or in a receptacle.
 
         Args:
             weights: Reward weights, shape (K + 9,).
@@ -167,7 +167,7 @@ class PlacementProblem:
         Returns:
             The placement, shape (2,), in table units.
         """
-        spaces = [self.space.free_space(layout)]
+        spaces = [self.space.free_space(layout, self.task.receptacles)]
         found = best_placements(weights[None], layout[None], self.widths, spaces)
         return found[0, 0]
 

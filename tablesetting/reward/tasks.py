@@ -20,6 +20,9 @@ FOOTPRINTS: dict[str, Footprint] = {
 }
 """What every object covers, in table units; the square is 0.50 m wide."""
 
+RECEPTACLE_RADIUS: float = 0.04
+"""How far from a receptacle's center an item can be made to rest, in table units."""
+
 
 @dataclass(frozen=True)
 class PlacementTask:
@@ -34,6 +37,7 @@ class PlacementTask:
         clearance: Room that the item, and the fingers around it, need between
             footprints, in table units.
         first_layout: The paper's first layout, or None where it was random.
+        receptacles: The objects that the item may be put into.
     """
 
     name: str
@@ -43,6 +47,7 @@ class PlacementTask:
     table_weights: tuple[float, ...]
     clearance: float
     first_layout: tuple[tuple[float, float], ...] | None = None
+    receptacles: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in (*self.objects, self.item):
@@ -61,6 +66,12 @@ class PlacementTask:
                 f"task '{self.name}' has {len(self.table_weights)} table weights; "
                 f"give {len(TABLE_CENTERS)}"
             )
+        for name in self.receptacles:
+            if name not in self.objects:
+                raise ValueError(
+                    f"task '{self.name}' has the receptacle '{name}', which is not "
+                    f"among its objects; take from {', '.join(self.objects)}"
+                )
 
     def wanting(self, weights: Array) -> "PlacementTask":
         """Return the task with other true weights, shape (K + 9,)."""
@@ -95,6 +106,7 @@ SPOON = PlacementTask(
     object_weights=(1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     table_weights=(0.0,) * 9,
     clearance=0.04,
+    receptacles=("bowl",),
 )
 """The spoon in the bowl."""
 

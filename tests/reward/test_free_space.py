@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -52,6 +54,38 @@ def test_points_leave_all_space_free():
     space = FreeSpace.around(np.array([[0.5, 0.5]]), [POINT], POINT, clearance=0.05)
     assert space.obstacles == ()
     assert space.contains(np.array([0.5, 0.5]))
+
+
+def test_a_receptacle_is_free_on_the_square_whatever_stands_there():
+    space = replace(
+        discs((0.3, 0.5, 0.2), (0.0, 0.5, 0.4)),
+        receptacles=np.array([[0.3, 0.5], [0.01, 0.5]]),
+        receptacle_radius=0.05,
+    )
+    points = [[0.3, 0.5], [0.34, 0.53], [0.34, 0.54], [0.0, 0.5], [-0.01, 0.5], [1, 1]]
+    expected = [True, True, False, True, False, True]
+    assert space.contains(np.array(points)).tolist() == expected
+    is_inside = [True, True, False, True, True, False]
+    assert space.in_receptacle(np.array(points)).tolist() == is_inside
+    assert not EMPTY.in_receptacle(np.array(points)).any()
+
+
+def test_receptacles_are_some_of_the_objects():
+    centers = np.array([[0.2, 0.3], [0.5, 0.5], [0.8, 0.1]])
+    sizes = [Footprint(0.1)] * 3
+    beside = FreeSpace.around(centers, sizes, POINT, 0.0)
+    space = FreeSpace.around(centers, sizes, POINT, 0.0, [2, 0], 0.03)
+    np.testing.assert_array_equal(space.receptacles, centers[[2, 0]])
+    assert space.contains(centers).tolist() == [True, False, True]
+    assert space.contains(np.array([0.8, 0.13]))
+    assert not beside.contains(centers).any()
+
+
+def test_corners_of_a_receptacle_at_the_edge_by_hand():
+    full = discs((0.5, 0.5, 0.8))
+    at_edge = np.array([[0.5, 0.03]])
+    corners = replace(full, receptacles=at_edge, receptacle_radius=0.05).corners
+    assert {tuple(corner) for corner in corners.round(9)} == {(0.46, 0.0), (0.54, 0.0)}
 
 
 def test_corners_of_two_discs_by_hand():

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tablesetting.errors import InvalidLayout
 from tablesetting.reward.footprint import POINT, Footprint
 from tablesetting.reward.layout import LayoutSpace
-from tablesetting.reward.tasks import FOOTPRINTS, SPOON, TASKS, VASE
+from tablesetting.reward.tasks import FOOTPRINTS, RECEPTACLE_RADIUS, SPOON, TASKS, VASE
 
 VASES = LayoutSpace.of_task(VASE, are_points=False)
 SPOONS = LayoutSpace.of_task(SPOON, are_points=False)
@@ -51,6 +51,16 @@ def test_a_layout_that_leaves_the_item_no_room_is_refused():
         crowded.check(GOOD)
     assert not crowded.has_room(GOOD)
     assert VASES.has_room(GOOD)
+
+
+def test_a_receptacle_is_room_for_the_item_but_makes_no_layout_valid():
+    layout = SPOONS.sample(1, rng=np.random.default_rng(0))[0]
+    crowded = replace(SPOONS, item=Footprint(0.5))
+    inside = crowded.free_space(layout, SPOON.receptacles)
+    assert inside.contains(layout).tolist() == [True] + 5 * [False]
+    rim = layout[0] + RECEPTACLE_RADIUS * np.array([[0.0, 0.99], [0.0, 1.01]])
+    assert inside.contains(rim).tolist() == [True, False]
+    assert not crowded.has_room(layout)
 
 
 def test_layouts_that_hardly_exist_are_given_up_on_with_a_message():

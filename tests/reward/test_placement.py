@@ -9,7 +9,7 @@ from tablesetting.reward.free_space import FreeSpace
 from tablesetting.reward.layout import LayoutSpace
 from tablesetting.reward.placement import best_placements
 from tablesetting.reward.rbf import all_centers, rbf_features
-from tablesetting.reward.tasks import TASKS
+from tablesetting.reward.tasks import RECEPTACLE_RADIUS, TASKS
 
 TICKS = np.linspace(0.0, 1.0, 400)
 GRID = np.stack(np.meshgrid(TICKS, TICKS), axis=-1).reshape(-1, 2)
@@ -44,15 +44,24 @@ def zoom(weights, layout, start):
     return best
 
 
-def check_against_dense_grid(weights, layout, space, widths):
+def dense_disc(space, center):
+    """Scan a receptacle in polar coordinates, rim and center included."""
+    radii = np.linspace(0.0, space.receptacle_radius, 26)[:, None]
+    angles = np.linspace(0.0, 2.0 * np.pi, 180, endpoint=False)
+    offsets = np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=-1)
+    return center + offsets.reshape(-1, 2)
+
+
+def check_against_dense_grid(weights, layout, space, widths, tolerance=1e-9):
     """Check that every placement is free and no free grid point is better."""
     found = best_placements(weights, layout[None], widths, [space])[0]
-    free = GRID[space.contains(GRID)]
+    points = np.concatenate([GRID, *(dense_disc(space, c) for c in space.receptacles)])
+    free = points[space.contains(points)]
     assert len(free)
     assert space.contains(found).all()
     on_grid = rbf_features(free, all_centers(layout), widths) @ weights.T
     gain = rewards_of(found, weights, layout, widths) - on_grid.max(axis=0)
-    assert gain.min() >= -1e-9
+    assert gain.min() >= -tolerance
 
 
 @pytest.mark.parametrize("target", [[0.31, 0.72], [0.0, 0.4], [1.0, 1.0]])
@@ -135,8 +144,58 @@ def test_restricted_optimum_is_free_and_never_below_a_dense_grid(name, kind, see
         layout = layouts.sample(1, rng=rng)[0]
     weights = random_rewards(40, len(task.objects) + 9, rng)
     weights[0] = task.true_weights
-    space = layouts.free_space(layout)
+    space = layouts.free_space(layout, task.receptacles)
     check_against_dense_grid(weights, layout, space, np.full(weights.shape[1], 0.3))
+
+
+def stationary_at(point, layout, widths, weights):
+    """Change weights so that gradient and Hessian vanish at a point."""
+    offsets = point - all_centers(layout)
+    x, y = offsets.T
+    flat = 0.5 * widths
+    terms = np.array([x, y, x * x - flat, y * y - flat, x * y])
+    terms *= np.exp(-np.square(offsets).sum(axis=1) / widths)
+    return weights - np.linalg.pinv(terms) @ (terms @ weights)
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    st.integers(0, 2**32),
+    st.sampled_from([0.002, RECEPTACLE_RADIUS, 0.05]),
+    st.sampled_from([0.05, 0.3]),
+    st.booleans(),
+)
+def test_no_point_of_a_receptacle_or_beside_it_is_better(seed, radius, width, at_edge):
+    rng = np.random.default_rng(seed)
+    layout = rng.random((4, 2))
+    if at_edge:
+        layout[0, seed % 2] = radius * rng.random()
+    widths, weights = np.full(13, width), random_rewards(20, 13, rng)
+    for row in weights[::2]:
+        point = layout[0] + 0.5 * radius * rng.uniform(-1.0, 1.0, 2)
+        row[:] = stationary_at(point, layout, widths, row)
+    for size in (0.2, 2.0):  # Beside the receptacle much is free, or nothing.
+        space = FreeSpace(layout[:2], (Footprint(size),) * 2, layout[:1], radius)
+        # So flat a reward may have optima that neither grid nor rim samples show.
+        check_against_dense_grid(weights, layout, space, widths, tolerance=1e-5)
+
+
+def test_a_peak_outside_a_receptacle_moves_to_the_nearest_point_of_its_rim():
+    weights = np.eye(9)[4:5]
+    full = FreeSpace(
+        np.array([[0.5, 0.5]]), (Footprint(0.8),), np.array([[0.2, 0.1]]), 0.05
+    )
+    found = best_placements(weights, NO_OBJECTS, np.full(9, 0.3), [full])[0, 0]
+    np.testing.assert_allclose(found, [0.23, 0.14], atol=1e-9)
+
+
+def test_the_best_of_several_receptacles_is_taken():
+    weights = np.array([[0.2, 0.9, 0.4, *np.zeros(9)]])
+    layout = np.array([[0.1, 0.1], [0.5, 0.9], [0.9, 0.1]])
+    widths = np.full(12, 0.05)
+    full = FreeSpace(np.array([[0.5, 0.5]]), (Footprint(0.8),), layout[[0, 2]], 0.02)
+    found = best_placements(weights, layout[None], widths, [full])[0, 0]
+    np.testing.assert_allclose(found, layout[2], atol=1e-3)
 
 
 @settings(deadline=None)

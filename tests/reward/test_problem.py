@@ -220,7 +220,7 @@ def test_free_placement_is_free_and_no_free_point_is_better(task):
     problem = PlacementProblem(task, DEFAULT)
     rewards = random_posterior(len(problem.widths)).weights[:9]
     for layout in problem.space.sample(5, rng=np.random.default_rng(0)):
-        space = problem.space.free_space(layout)
+        space = problem.space.free_space(layout, task.receptacles)
         free = GRID[space.contains(GRID)]
         for weights in (task.true_weights, *rewards):
             placement = problem.best_free_placement(weights, layout)
@@ -237,7 +237,8 @@ def test_free_placement_is_the_wish_exactly_where_that_is_free(task):
     wishes = problem.best_placements(rewards, layouts)
     num_free = 0
     for layout, row in zip(layouts, wishes, strict=True):
-        is_free = problem.space.free_space(layout).contains(row)
+        space = problem.space.free_space(layout, task.receptacles)
+        is_free = space.contains(row)
         num_free += is_free.sum()
         for weights, wish, fits in zip(rewards, row, is_free, strict=True):
             placement = problem.best_free_placement(weights, layout)
@@ -246,14 +247,33 @@ def test_free_placement_is_the_wish_exactly_where_that_is_free(task):
     assert 0 < num_free < is_free.size * len(layouts)
 
 
-def test_free_placement_leaves_the_bowl_that_the_spoon_is_wanted_in():
+def test_free_placement_is_in_the_bowl_that_the_spoon_is_wanted_in():
     problem = PlacementProblem(SPOON, DEFAULT)
+    for layout in problem.space.sample(5, rng=np.random.default_rng(0)):
+        placement = problem.best_free_placement(SPOON.true_weights, layout)
+        np.testing.assert_allclose(placement, layout[0], atol=1e-6)
+        np.testing.assert_array_equal(problem.free_wish(layout), placement)
+
+
+def test_free_placement_leaves_the_bowl_where_nothing_is_put_into_it():
+    problem = PlacementProblem(replace(SPOON, receptacles=()), DEFAULT)
     needed = FOOTPRINTS["bowl"].grow(FOOTPRINTS["spoon"], SPOON.clearance)
     for layout in problem.space.sample(5, rng=np.random.default_rng(0)):
         wish = show(problem, layout).placement
         np.testing.assert_allclose(wish, layout[0], atol=1e-9)
         placement = problem.best_free_placement(SPOON.true_weights, layout)
         assert needed.distance(placement - layout[0]) >= -1e-9
+
+
+def test_receptacles_change_nothing_where_objects_are_points():
+    problem = PlacementProblem(SPOON, PAPER)
+    layouts = problem.space.sample(2, rng=np.random.default_rng(0))
+    rewards = random_posterior(15).weights
+    wishes = problem.best_placements(rewards, layouts)
+    for layout, row in zip(layouts, wishes, strict=True):
+        for weights, wish in zip(rewards, row, strict=True):
+            placement = problem.best_free_placement(weights, layout)
+            np.testing.assert_array_equal(placement, wish)
 
 
 def test_points_are_in_no_wishs_way():
