@@ -9,14 +9,27 @@ MAX_OPENING: Final = 0.05
 TIP_REACH: Final = 0.016
 """How far the finger tips reach beyond the tool centre point, in [m]."""
 
+WRIST_OFFSET: Final = 0.05
+"""Tool centre point ahead of the wrist's axis, along the tool's x, in [m].
+
+Turned outwards it adds to the reach of the arm, turned inwards it takes from it; so the
+whole square is within reach, which it is not for a jaw under the wrist.
+"""
+PALM_HEIGHT: Final = 0.084
+"""Underside of the palm above the tool centre point, in [m]."""
+PALM_HALF_WIDTH: Final = 0.030
+"""Half the width of the palm along the tool's y, in [m]."""
+FINGER_DEPTH: Final = 0.0145
+"""From the inner face of a pad to the back of its finger, in [m]."""
+FINGER_HALF_WIDTH: Final = 0.011
+"""Half the width of finger and pad along the tool's x, in [m]."""
+
 _FINGER_LENGTH: Final = 0.10  # [m]
 _FINGER_HALF_SIZE: Final = (0.009, 0.005, _FINGER_LENGTH / 2)  # [m]
-_PALM_HALF_SIZE: Final = (0.020, 0.030, 0.028)  # [m]
-_PAD_HALF_SIZE: Final = (0.011, 0.004, TIP_REACH)  # [m]
+_PALM_HALF_SIZE: Final = (0.020, PALM_HALF_WIDTH, 0.028)  # [m]
+_BRACKET_HALF_SIZE: Final = (WRIST_OFFSET / 2 + 0.020, 0.024, 0.008)  # [m]
+_PAD_HALF_SIZE: Final = (FINGER_HALF_WIDTH, 0.004, TIP_REACH)  # [m]
 _PAD_PROUD: Final = 0.0045  # How far a pad stands out from its finger, in [m].
-# While the arm moves, what it holds slips at a rate that this time constant sets; twice
-# the time step is the stiffest that MuJoCo allows.
-_PAD_SOLREF: Final = (0.004, 1)
 _GRIP_FORCE: Final = 40.0  # [N]
 
 
@@ -24,12 +37,18 @@ class ParallelJaw(composer.Entity):
     """Two coupled sliding fingers with friction pads.
 
     The origin is the mounting flange; z points out of the hand, the fingers move
-    along y.
+    along y, and a bracket carries them ahead along x.
     """
 
-    def _build(self, name: str = "jaw") -> None:
+    def _build(self, name: str = "jaw", timestep: float = 0.002) -> None:
         self._root = mjcf.RootElement(model=name)
-        palm = self._root.worldbody.add("body", name="palm", gravcomp=1)
+        # While the arm moves, what it holds slips at a rate that this time constant
+        # sets; twice the time step is the stiffest that MuJoCo allows.
+        self._pad_solref = (2.0 * timestep, 1)
+        self._add_bracket()
+        palm = self._root.worldbody.add(
+            "body", name="palm", pos=(WRIST_OFFSET, 0, 0), gravcomp=1
+        )
         palm.add(
             "geom",
             name="palm",
@@ -52,6 +71,19 @@ class ParallelJaw(composer.Entity):
     def mjcf_model(self) -> Any:
         """The root element of the jaw's own model."""
         return self._root
+
+    def _add_bracket(self) -> None:
+        # In a body of its own, so that gravity compensation is said for it, too.
+        bracket = self._root.worldbody.add("body", name="bracket", gravcomp=1)
+        bracket.add(
+            "geom",
+            name="bracket",
+            type="box",
+            size=_BRACKET_HALF_SIZE,
+            pos=(WRIST_OFFSET / 2, 0, 0.004 + _BRACKET_HALF_SIZE[2]),
+            mass=0.05,
+            rgba=(0.25, 0.25, 0.27, 1),
+        )
 
     def _add_finger(self, palm: Any, name: str, side: int) -> Any:
         """Add the finger that opens towards `side` (+1 or -1) of the y axis."""
@@ -91,7 +123,7 @@ class ParallelJaw(composer.Entity):
             friction=(1.5, 0.05, 0.0005),
             condim=4,
             priority=1,
-            solref=_PAD_SOLREF,
+            solref=self._pad_solref,
             rgba=(0.15, 0.15, 0.15, 1),
         )
 
@@ -101,7 +133,7 @@ class ParallelJaw(composer.Entity):
             "joint",
             joint1="left",
             joint2="right",
-            solref=_PAD_SOLREF,
+            solref=self._pad_solref,
             solimp=(0.95, 0.99, 0.001, 0.5, 2),
         )
         tendon = self._root.tendon.add("fixed", name="opening")

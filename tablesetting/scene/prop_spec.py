@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from tablesetting.irl.arrays import Array
 from tablesetting.scene.meshes import Mesh
 from tablesetting.scene.solids import Solid
 
@@ -50,3 +53,10 @@ class PropSpec:
     """Half length of the footprint's segment, in [m]; 0 for a round footprint."""
     condim: int = 3
     """Contact dimension; 4 adds friction against spinning on a small patch."""
+
+    @property
+    def center_of_mass(self) -> Array:
+        """Centre of mass in the frame of the prop, shape (3,), in [m]."""
+        volumes = np.array([solid.volume for solid in self.solids])
+        positions = np.array([solid.position for solid in self.solids])
+        return volumes @ positions / volumes.sum()

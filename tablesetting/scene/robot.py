@@ -1,9 +1,9 @@
-"""The arm: a Kinova Jaco with a parallel jaw, on a pedestal behind the table.
+"""The arm: a Kinova Jaco with a parallel jaw, on the near side of the table.
 
-The meshes and inertias are those of dm_control's Jaco. Its velocity servos give way to
-stiff position servos, because a placement within half a millimetre needs a tool that
-stands still; its three-finger hand gives way to a parallel jaw, because splaying
-fingers push the neighbours of an item over.
+The meshes and inertias are those of dm_control's Jaco. Unless asked for, its velocity
+servos give way to stiff position servos, because a placement within half a millimetre
+needs a tool that stands still; its three-finger hand gives way to a parallel jaw, because
+splaying fingers push the neighbours of an item over.
 """
 
 import os
@@ -19,73 +19,62 @@ from dm_control.entities.manipulators.kinova import assets_path
 
 from tablesetting.irl.arrays import Array, Indices
 from tablesetting.scene.jaw import ParallelJaw
+from tablesetting.scene.servos import STIFF, Servos
+from tablesetting.scene.table import TIMESTEP
 
-BASE_POSITION: Final = (0.0, -0.41, 0.10)
+BASE_POSITION: Final = (0.0, -0.42, 0.02)
 """Where the foot of the arm stands in the world, in [m]; it faces +y."""
-HOME: Final[tuple[float, ...]] = (5.304, 3.648, 1.281, 6.045, 0.903, -1.966)
+HOME: Final[tuple[float, ...]] = (5.333, 3.473, 1.319, 5.967, 1.158, -2.051)
 """Arm posture between two placements: tool down, away from singularities; [rad]."""
 TCP_SITE: Final = "jaco/jaw/tcp"
 """Name of the tool centre point, midway between the finger pads; z points out."""
 
 _JOINTS: Final = tuple(f"joint_{i}" for i in range(1, 7))
-_PEDESTAL_RADIUS: Final = 0.045  # [m]
-
-
-@dataclass(frozen=True)
-class _Servo:
-    """Position servo of one joint, tuned for a static tool error below 0.2 mm."""
-
-    armature: float
-    stiffness: float
-    max_torque: float
-
-
-_LARGE_SERVO: Final = _Servo(armature=1.0, stiffness=4000.0, max_torque=150.0)
-_SMALL_SERVO: Final = _Servo(armature=0.3, stiffness=1500.0, max_torque=60.0)
+_FOOT_RADIUS: Final = 0.06  # [m]
 
 
 class Jaco(composer.Entity):
-    """A Jaco arm with position servos, a parallel jaw and a pedestal."""
+    """A Jaco arm with servos, a parallel jaw and a foot."""
 
-    def _build(self, name: str = "jaco") -> None:
+    def _build(
+        self, name: str = "jaco", servos: Servos = STIFF, timestep: float = TIMESTEP
+    ) -> None:
         path = os.path.join(assets_path.KINOVA_ROOT, "jaco_arm.xml")
         self._root = mjcf.from_path(path)
         self._root.model = name
         # The flag would switch the collision detection of the whole scene.
         del self._root.option.flag.nativeccd
-        for joint in _JOINTS:
-            self._add_servo(self._root.find("joint", joint), _servo_of(joint))
+        self._joints = [self._root.find("joint", joint) for joint in _JOINTS]
+        for joint in self._joints:
+            servos.drive(self._root, joint)
         for body in self._root.find_all("body"):
-            body.gravcomp = 1
-        self._add_pedestal()
-        self.attach(ParallelJaw(), self._root.find("site", "wristsite"))
+            body.gravcomp = float(servos.is_gravity_compensated)
+        self._add_foot()
+        self._jaw = ParallelJaw(timestep=timestep)
+        self.attach(self._jaw, self._root.find("site", "wristsite"))
 
     @property
     def mjcf_model(self) -> Any:
         """The root element of the arm's model."""
         return self._root
 
-    def _add_servo(self, joint: Any, servo: _Servo) -> None:
-        joint.armature = servo.armature
-        joint.damping = 1
-        joint.frictionloss = 0
-        self._root.actuator.add(
-            "position",
-            name=joint.name,
-            joint=joint,
-            kp=servo.stiffness,
-            dampratio=1,
-            forcelimited=True,
-            forcerange=(-servo.max_torque, servo.max_torque),
-        )
+    @property
+    def joints(self) -> list[Any]:
+        """The six joints of the arm, from the foot to the wrist."""
+        return self._joints
 
-    def _add_pedestal(self) -> None:
+    @property
+    def jaw(self) -> ParallelJaw:
+        """The jaw at its wrist."""
+        return self._jaw
+
+    def _add_foot(self) -> None:
         half_height = BASE_POSITION[2] / 2
         self._root.worldbody.add(
             "geom",
-            name="pedestal",
+            name="foot",
             type="cylinder",
-            size=(_PEDESTAL_RADIUS, half_height),
+            size=(_FOOT_RADIUS, half_height),
             pos=(0, 0, -half_height),
             rgba=(0.35, 0.35, 0.37, 1),
         )
@@ -98,12 +87,14 @@ class RobotIndex:
     Attributes:
         arm_qpos: Addresses of the arm joints in `qpos`, shape (6,).
         arm_ctrl: Addresses of the arm servos in `ctrl`, shape (6,).
+        arm_dofs: Addresses of the arm joints in `qvel`, shape (6,).
         jaw_qpos: Addresses of the two fingers in `qpos`, shape (2,).
         jaw_ctrl: Address of the jaw's opening in `ctrl`.
         tcp: Id of the tool centre point among the sites.
     """
 
     arm_qpos: Indices
+    arm_dofs: Indices
     arm_ctrl: Indices
     jaw_qpos: Indices
     jaw_ctrl: int
@@ -116,6 +107,7 @@ class RobotIndex:
         fingers = [model.joint(f"jaco/jaw/{name}") for name in ("left", "right")]
         return cls(
             arm_qpos=_addresses(joint.qposadr for joint in joints),
+            arm_dofs=_addresses(joint.dofadr for joint in joints),
             arm_ctrl=np.array([model.actuator(f"jaco/{n}").id for n in _JOINTS]),
             jaw_qpos=_addresses(finger.qposadr for finger in fingers),
             jaw_ctrl=model.actuator("jaco/jaw/opening").id,
@@ -133,9 +125,11 @@ class RobotIndex:
         data.qpos[self.jaw_qpos] = opening
 
 
-def add_robot(arena: composer.Arena) -> Jaco:
-    """Stand a robot at its place behind the table, facing +y."""
-    robot = Jaco()
+def add_robot(
+    arena: composer.Arena, servos: Servos = STIFF, timestep: float = TIMESTEP
+) -> Jaco:
+    """Stand a robot at its place on the table, facing +y."""
+    robot = Jaco(servos=servos, timestep=timestep)
     frame = arena.attach(robot)
     frame.pos = BASE_POSITION
     frame.quat = (0, 0, 0, 1)  # Half a turn: the arm as modelled faces -y.
@@ -143,10 +137,10 @@ def add_robot(arena: composer.Arena) -> Jaco:
 
 
 @cache
-def robot_model() -> mujoco.MjModel:
-    """Compile the robot standing alone, for kinematics; nobody may change it."""
+def robot_model(servos: Servos = STIFF) -> mujoco.MjModel:
+    """Compile the robot standing alone, to plan with; nobody may change it."""
     arena = composer.Arena()
-    add_robot(arena)
+    add_robot(arena, servos)
     return compile_model(arena)
 
 
@@ -154,10 +148,6 @@ def compile_model(arena: composer.Arena) -> mujoco.MjModel:
     """Compile all that stands in an arena."""
     root = arena.mjcf_model
     return mujoco.MjModel.from_xml_string(root.to_xml_string(), root.get_assets())
-
-
-def _servo_of(joint: str) -> _Servo:
-    return _LARGE_SERVO if joint in _JOINTS[:3] else _SMALL_SERVO
 
 
 def _addresses(parts: Any) -> Indices:

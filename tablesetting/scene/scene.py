@@ -11,14 +11,19 @@ import numpy as np
 from tablesetting.errors import InvalidLayout
 from tablesetting.irl.arrays import Array
 from tablesetting.scene import robot
+from tablesetting.scene.controller import ArmController
 from tablesetting.scene.jaw import MAX_OPENING
 from tablesetting.scene.props import make_prop
-from tablesetting.scene.table import Table, TableFrame
+from tablesetting.scene.servos import STIFF, Servos
+from tablesetting.scene.table import TIMESTEP, Table, TableFrame
+from tablesetting.scene.variation import PropDynamics
 
 STAGING: Final = (0.46, -0.19)
 """Where the item stands before it is picked, in the world's xy plane, in [m]."""
 
+_PADS: Final = ("jaco/jaw/left_pad", "jaco/jaw/right_pad")
 _SETTLE_TIME: Final = 0.3  # [s]
+_CONTROL_PERIOD: Final = 0.02  # While things settle, in [s].
 _TOUCH: Final = -1e-4  # Props that penetrate less than this just touch, in [m].
 
 
@@ -48,12 +53,21 @@ class Scene:
         frame: Maps table units to the world.
         objects: Names of the objects in the order of a layout's rows.
         item: Name of the prop that the robot places.
+        servos: What drives the arm.
         robot: Where the robot is found in `model`.
         body_ids: Body of every prop, by name.
+        controller: Tells the servos what to do.
+        dynamics: Mass and friction of the props, which can be varied.
     """
 
     def __init__(
-        self, objects: Sequence[str], item: str, frame: TableFrame | None = None
+        self,
+        objects: Sequence[str],
+        item: str,
+        frame: TableFrame | None = None,
+        *,
+        servos: Servos = STIFF,
+        timestep: float = TIMESTEP,
     ) -> None:
         """Compile the scene.
 
@@ -61,6 +75,8 @@ class Scene:
             objects: Names of the props that stand on the table; each occurs once.
             item: Name of the prop to be placed.
             frame: Maps table units to the world; the default table if None.
+            servos: What drives the arm.
+            timestep: Of the simulation, in [s]; 0.004 is fast, 0.002 precise.
 
         Raises:
             ValueError: If a name occurs twice.
@@ -72,11 +88,18 @@ class Scene:
         self.frame = TableFrame() if frame is None else frame
         self.objects = tuple(objects)
         self.item = item
-        self.model = _compile(names, self.frame)
+        self.servos = servos
+        self.model = _compile(names, self.frame, servos, timestep)
         self.data = mujoco.MjData(self.model)
         self.robot = robot.RobotIndex.of(self.model)
         self.body_ids: Mapping[str, int] = MappingProxyType(
             {name: self.model.body(f"{name}/").id for name in names}
+        )
+        self.controller = ArmController(self.model, self.robot, servos)
+        self.dynamics = PropDynamics(
+            self.model,
+            bodies=np.array(list(self.body_ids.values())),
+            pads=np.array([self.model.geom(pad).id for pad in _PADS]),
         )
 
     def reset(self, centers: Array) -> None:
@@ -94,7 +117,11 @@ class Scene:
         """
         self.lay(centers)
         self._check_overlaps()
-        self.step(round(_SETTLE_TIME / self.model.opt.timestep))
+        home = np.array(robot.HOME)
+        num_substeps = round(_CONTROL_PERIOD / self.model.opt.timestep)
+        for _ in range(round(_SETTLE_TIME / _CONTROL_PERIOD)):
+            self.controller.hold(self.data, home)
+            self.step(num_substeps)
         self.data.time = 0.0
 
     def lay(self, centers: Array) -> None:
@@ -147,15 +174,23 @@ class Scene:
         rotation = self.rotation(name)
         return float(np.arctan2(rotation[1, 0], rotation[0, 0]))
 
+    def pose_slice(self, name: str) -> slice:
+        """Where position and quaternion of a prop are in `qpos`."""
+        joint = self.model.body_jntadr[self.body_ids[name]]
+        start = int(self.model.jnt_qposadr[joint])
+        return slice(start, start + 7)
+
+    def center_of_mass(self, name: str) -> Array:
+        """Centre of mass of a prop in the world, shape (3,), in [m]."""
+        return self.data.xipos[self.body_ids[name]].copy()
+
     def _stand(self, name: str, xy: Array) -> None:
-        body = self.model.body(self.body_ids[name])
-        start = self.model.jnt_qposadr[body.jntadr[0]]
-        self.data.qpos[start : start + 7] = [*xy, 0.0, 1.0, 0.0, 0.0, 0.0]
+        self.data.qpos[self.pose_slice(name)] = [*xy, 0.0, 1.0, 0.0, 0.0, 0.0]
 
     def _home_robot(self) -> None:
         opening = MAX_OPENING / 2
         self.robot.set_posture(self.data, robot.HOME, opening)
-        self.data.ctrl[self.robot.arm_ctrl] = robot.HOME
+        self.controller.hold(self.data, np.array(robot.HOME))
         self.data.ctrl[self.robot.jaw_ctrl] = opening
 
     def _check_centers(self, centers: Array) -> None:
@@ -185,9 +220,11 @@ class Scene:
                 )
 
 
-def _compile(names: Sequence[str], frame: TableFrame) -> mujoco.MjModel:
-    table = Table(frame)
-    robot.add_robot(table)
+def _compile(
+    names: Sequence[str], frame: TableFrame, servos: Servos, timestep: float
+) -> mujoco.MjModel:
+    table = Table(frame, timestep=timestep)
+    robot.add_robot(table, servos, timestep)
     for name in names:
         table.add_free_entity(make_prop(name))
     return robot.compile_model(table)
