@@ -1,6 +1,7 @@
 """Whether a motion would touch anything: kinematics and contacts, no dynamics."""
 
 import copy
+from dataclasses import dataclass
 from typing import Final
 
 import mujoco
@@ -8,47 +9,86 @@ import numpy as np
 
 from tablesetting.irl.arrays import Array
 from tablesetting.planner.grasp import Hold
+from tablesetting.scene.perception import Percept
 from tablesetting.scene.scene import Scene
 
 _MARGIN: Final = 0.002
 """Robot and held item keep this far from bystanders, the robot from itself; [m]."""
+_STRIDE: Final = 0.025
+"""How far a joint may move from one check to the next, in [rad]."""
 _TOUCH: Final = 0.0005
 """How deep the item may sink into the table and the pads into the item, in [m]."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two things that touch, or pass too near.
+
+    Attributes:
+        mover: "arm" or the item.
+        other: The same, a bystander or "table".
+        distance: Between them, in [m]; negative for a depth.
+    """
+
+    mover: str
+    other: str
+    distance: float
+
+    def __str__(self) -> str:
+        """Say who hits whom and by how much."""
+        if self.mover == self.other:
+            return f"the {self.mover} would get in its own way"
+        if self.distance < 0.0:
+            depth = -1e3 * self.distance
+            return f"{self.mover} and {self.other} would meet, {depth:.1f} mm deep"
+        gap = 1e3 * self.distance
+        return f"{self.mover} and {self.other} would pass at {gap:.1f} mm"
 
 
 class CollisionChecker:
     """Poses a copy of a scene and looks for contacts of the robot and the item."""
 
-    def __init__(self, scene: Scene) -> None:
-        """Copy the scene as it stands."""
+    def __init__(
+        self, scene: Scene, seen: Percept, may_touch_item: bool = False
+    ) -> None:
+        """Copy the scene.
+
+        Args:
+            scene: What there is.
+            seen: Where it was seen.
+            may_touch_item: Whether the robot is known to have the item in hand, whatever
+                was seen.
+        """
         self._model = _inflated(scene)
         self._data = mujoco.MjData(self._model)
-        self._data.qpos[:] = scene.data.qpos
+        for name, pose in seen.poses.items():
+            self._data.qpos[scene.pose_slice(name)] = pose
         self._robot = scene.robot
         self._owners = _owners(scene)
+        self._item = scene.item
+        self._may_touch_item = may_touch_item
         self._bystanders = frozenset(scene.objects)
-        item = self._model.body(scene.body_ids[scene.item])
-        start = int(self._model.jnt_qposadr[item.jntadr[0]])
-        self._item_qpos = slice(start, start + 7)
+        self._item_qpos = scene.pose_slice(scene.item)
 
-    def rest_item(self, position: Array) -> None:
-        """Stand the item, yaw 0, at a position of shape (3,), in [m]."""
-        self._data.qpos[self._item_qpos] = [*position, 1.0, 0.0, 0.0, 0.0]
+    def rest_item(self, position: Array, yaw: float) -> None:
+        """Stand the item at a position of shape (3,), in [m], with a heading."""
+        self._data.qpos[self._item_qpos] = _upright(position, yaw)
 
     def first_contact(
         self, configurations: Array, opening: float, hold: Hold | None
-    ) -> str | None:
-        """Name what touches first along a path.
+    ) -> Contact | None:
+        """Find what touches first along a path.
 
         Args:
-            configurations: Arm joints, shape (T, 6), in [rad].
+            configurations: Arm joints, shape (T, 6), in [rad]; those that differ little
+                from the one before are passed over.
             opening: Travel of each finger, in [m].
             hold: Where the tool holds the item; None if the item stays where it is.
 
         Returns:
-            Who hits whom and by how much, or None if the path is free.
+            Who touches whom, or None if the path is free.
         """
-        for configuration in configurations:
+        for configuration in _apart(configurations):
             self._robot.set_posture(self._data, configuration, opening)
             mujoco.mj_kinematics(self._model, self._data)
             if hold is not None:
@@ -63,20 +103,34 @@ class CollisionChecker:
     def _carry_item(self, hold: Hold) -> None:
         rotation = self._data.site_xmat[self._robot.tcp].reshape(3, 3)
         position = self._data.site_xpos[self._robot.tcp] + rotation @ hold.offset
-        half_yaw = (np.arctan2(rotation[1, 0], rotation[0, 0]) + hold.yaw) / 2
-        quaternion = [np.cos(half_yaw), 0.0, 0.0, np.sin(half_yaw)]
-        self._data.qpos[self._item_qpos] = [*position, *quaternion]
+        yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0])) + hold.yaw
+        self._data.qpos[self._item_qpos] = _upright(position, yaw)
 
-    def _forbidden_contact(self) -> str | None:
+    def _forbidden_contact(self) -> Contact | None:
         contact = self._data.contact
         for k in np.argsort(contact.dist):
             names = (self._owners[geom] for geom in contact.geom[k])
             mover, other = sorted(names, key=self._bystanders.__contains__)
             distance = float(contact.dist[k])
+            if self._may_touch_item and {mover, other} == {"arm", self._item}:
+                continue
             must_keep_away = other == mover or other in self._bystanders
             if distance < (_MARGIN if must_keep_away else -_TOUCH):
-                return _describe(mover, other, distance)
+                return Contact(mover, other, distance)
         return None
+
+
+def _apart(configurations: Array) -> list[Array]:
+    """Thin a path out, keeping its end."""
+    kept = [configurations[-1]]
+    for configuration in configurations[-2::-1]:
+        if np.abs(configuration - kept[-1]).max() >= _STRIDE:
+            kept.append(configuration)
+    return kept[::-1]
+
+
+def _upright(position: Array, yaw: float) -> Array:
+    return np.array([*position, np.cos(yaw / 2.0), 0.0, 0.0, np.sin(yaw / 2.0)])
 
 
 def _owners(scene: Scene) -> list[str]:
@@ -97,11 +151,3 @@ def _inflated(scene: Scene) -> mujoco.MjModel:
     model.body_margin[model.geom_bodyid[is_mover]] = _MARGIN  # For the broad phase.
     model.geom_contype[~is_mover] = 0  # What stands may touch what else stands.
     return model
-
-
-def _describe(first: str, second: str, distance: float) -> str:
-    if first == second:
-        return f"the {first} would get in its own way"
-    if distance < 0.0:
-        return f"{first} and {second} would meet, {-1e3 * distance:.1f} mm deep"
-    return f"{first} and {second} would pass at {1e3 * distance:.1f} mm"

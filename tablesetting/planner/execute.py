@@ -1,34 +1,32 @@
 """Carry a plan out in the simulator, and say how well it went."""
 
-from collections.abc import Generator, Iterable
-from dataclasses import dataclass, replace
-from typing import Final
+from collections.abc import Generator, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
 
-import mujoco
 import numpy as np
 
 from tablesetting.irl.arrays import Array
-from tablesetting.planner.grasp import Hold
-from tablesetting.planner.pick_place import Plan, Refusal, replan_placing
+from tablesetting.planner.goal import Goal, Refusal
+from tablesetting.planner.grasp import GRASPS, Hold
+from tablesetting.planner.pick_place import HOLDING, Plan, replan_placing
+from tablesetting.planner.receptacle import RECEPTACLES
 from tablesetting.planner.trajectory import CONTROL_PERIOD, Step
+from tablesetting.planner.watchdog import Effort, Failure, Fault, Watchdog
+from tablesetting.scene.perception import Camera
+from tablesetting.scene.props import PROPS
 from tablesetting.scene.scene import Scene, Snapshot
 
 MAX_ERROR_MM: Final = 10.0
 """Largest error of a placement that counts as a success."""
 MAX_TILT_DEG: Final = 5.0
-"""Largest tilt of a placed item that counts as a success."""
+"""Largest tilt of a placed item that counts as a success; not in a receptacle."""
 MAX_YAW_ERROR_DEG: Final = 5.0
-"""Largest turn of a placed item that counts as a success."""
+"""Largest turn of a placed item that counts as a success; not in a receptacle."""
 MAX_SHIFT_MM: Final = 2.0
 """Furthest that a bystander may move."""
 
 _MAX_SLIP: Final = 0.010  # Of a held item since the jaw closed, in [m].
-_MAX_LAG: Final = 0.2  # Of a joint behind its command, in [rad].
-_DIVERGENCE: Final = (
-    mujoco.mjtWarning.mjWARN_BADQPOS,
-    mujoco.mjtWarning.mjWARN_BADQVEL,
-    mujoco.mjtWarning.mjWARN_BADQACC,
-)
 
 
 @dataclass(frozen=True)
@@ -36,14 +34,19 @@ class Execution:
     """What came of a plan.
 
     Attributes:
-        commanded: Where the item's centre should stand, shape (2,), in [m].
-        settled: Where it stands at the end, shape (2,), in [m].
+        commanded: Where the item should be, shape (2,), in [m]: the centre of its
+            footprint or, in a receptacle, its centre of mass.
+        settled: Where that is at the end, shape (2,), in [m].
         tilt_deg: Angle of the item to the upright it started with.
-        yaw_error_deg: Heading of the item against 0, without sign; 0 for an item
-            that looks the same from all sides.
+        yaw_error_deg: Heading of the item against the one planned, without sign; 0 for an
+            item that looks the same from all sides.
         max_bystander_shift_mm: Furthest that any other prop has moved.
         failure: What went wrong; None if the placement succeeded.
         duration: Simulated time, in [s].
+        receptacle: What the item was put into; None on the table.
+        touched: Bystanders that arm or item have touched.
+        effort: How far the motion went towards the limits of the joints.
+        num_tries: 2 if the item was lost once and picked up again.
     """
 
     commanded: Array
@@ -51,8 +54,12 @@ class Execution:
     tilt_deg: float
     yaw_error_deg: float
     max_bystander_shift_mm: float
-    failure: str | None
+    failure: Failure | None
     duration: float
+    receptacle: str | None = None
+    touched: frozenset[str] = frozenset()
+    effort: Effort = field(default_factory=Effort)
+    num_tries: int = 1
 
     @property
     def error_mm(self) -> float:
@@ -61,12 +68,12 @@ class Execution:
 
     @property
     def success(self) -> bool:
-        """Whether the item stands where it should and nothing else has moved."""
+        """Whether the item is where it should and nothing else has moved."""
         return self.failure is None
 
 
 def execute(
-    scene: Scene, plan: Plan, frame_rate: float = 30.0
+    scene: Scene, plan: Plan, frame_rate: float = 30.0, camera: Camera | None = None
 ) -> Generator[Snapshot, None, Execution]:
     """Carry a plan out.
 
@@ -77,6 +84,7 @@ def execute(
         scene: As it stood when the plan was made.
         plan: What to do.
         frame_rate: Snapshots per second of simulated time.
+        camera: Measures the item; without error if None.
 
     Yields:
         The state of the world, evenly spaced in simulated time.
@@ -91,12 +99,12 @@ def execute(
     if not frame_rate > 0.0:
         raise ValueError(f"`frame_rate` must be positive, in [Hz]; got {frame_rate}")
     before = {name: scene.position(name) for name in scene.objects}
-    driver = _Driver(scene, plan, frame_rate)
-    failure = yield from driver.run()
-    return _score(scene, plan, before, failure)
+    driver = Driver(scene, frame_rate, plan.goal.receptacle)
+    failure = yield from carry_out(driver, plan, camera or Camera(scene))
+    return score(driver, plan.goal, before, failure)
 
 
-def run_to_end(execution: Generator[Snapshot, None, Execution]) -> Execution:
+def run_to_end(execution: Generator[Snapshot, None, Any]) -> Any:
     """Carry a plan out when nobody looks at the snapshots."""
     while True:
         try:
@@ -105,111 +113,176 @@ def run_to_end(execution: Generator[Snapshot, None, Execution]) -> Execution:
             return stop.value
 
 
-class _Driver:
-    """Feeds commands to the servos and watches what happens."""
+class Driver:
+    """Feeds commands to the servos and watches what happens.
 
-    def __init__(self, scene: Scene, plan: Plan, frame_rate: float) -> None:
-        self._scene = scene
-        self._plan = plan
+    Attributes:
+        scene: What is driven.
+        watchdog: What was seen on the way.
+        carried: What was done while the item was in the air, to go back by.
+    """
+
+    def __init__(self, scene: Scene, frame_rate: float, receptacle: str | None) -> None:
+        """Take hold of a scene."""
+        self.scene = scene
+        self.watchdog = Watchdog(scene, receptacle)
+        self.carried: list[Step] = []
         self._frame_period = 1.0 / frame_rate
         self._next_frame = scene.data.time + self._frame_period
         self._num_substeps = round(CONTROL_PERIOD / scene.model.opt.timestep)
-        servos = scene.robot.arm_ctrl
-        # A servo lags by damping / stiffness; commanding ahead cancels it.
-        stiffness = scene.model.actuator_gainprm[servos, 0]
-        self._lead = -scene.model.actuator_biasprm[servos, 2] / stiffness
-        self._grip_offset = np.zeros(3)
+        self._grip_offset: Array | None = None
 
-    def run(self) -> Generator[Snapshot, None, str | None]:
-        """Do all steps; return what went wrong, if anything."""
-        failure = yield from self._drive(self._plan.picking)
-        if failure is not None:
-            return failure
-        placing = self._correct()
-        if isinstance(placing, Refusal):
-            return f"correction {placing.reason}: {placing.detail}"
-        return (yield from self._drive((*placing, *self._plan.returning)))
-
-    def _drive(self, steps: Iterable[Step]) -> Generator[Snapshot, None, str | None]:
+    def drive(self, steps: Iterable[Step]) -> Generator[Snapshot, None, Failure | None]:
+        """Do some steps; return what went wrong, if anything."""
         for step in steps:
             failure = yield from self._drive_step(step)
             if failure is not None:
-                return f"{step.phase}: {failure}"
+                return replace(failure, detail=f"{step.phase}: {failure.detail}")
         return None
 
-    def _drive_step(self, step: Step) -> Generator[Snapshot, None, str | None]:
-        data, robot = self._scene.data, self._scene.robot
-        data.ctrl[robot.jaw_ctrl] = step.opening
-        commands = step.positions + self._lead * step.velocities
-        for command, position in zip(commands, step.positions, strict=True):
-            data.ctrl[robot.arm_ctrl] = command
-            self._scene.step(self._num_substeps)
-            if any(data.warning[kind].number for kind in _DIVERGENCE):
-                return "the simulation diverged"
-            if np.abs(data.qpos[robot.arm_qpos] - position).max() > _MAX_LAG:
-                return "the arm is held up"
+    def _drive_step(self, step: Step) -> Generator[Snapshot, None, Failure | None]:
+        data, scene = self.scene.data, self.scene
+        data.ctrl[scene.robot.jaw_ctrl] = step.opening
+        for tick, position in enumerate(step.positions):
+            scene.controller.track(
+                data, position, step.velocities[tick], step.torques[tick]
+            )
+            scene.step(self._num_substeps)
+            failure = self.watchdog.check(position) or self._check_grip(step, tick)
+            if failure is not None:
+                return failure
             if data.time >= self._next_frame - 1e-9:
                 self._next_frame += self._frame_period
-                yield self._scene.snapshot(step.phase)
-        return self._check_grip(step.phase)
-
-    def _check_grip(self, phase: str) -> str | None:
-        """Compare the item's place in the hand with that after closing."""
-        offset = self._item_in_tool()
-        if phase == "close":
-            self._grip_offset = offset
-        elif phase in ("lift", "transfer", "hold"):
-            slip = float(np.linalg.norm(offset - self._grip_offset))
-            if slip > _MAX_SLIP:
-                return f"the {self._scene.item} slipped {1e3 * slip:.0f} mm in the jaw"
+                yield scene.snapshot(step.phase)
+        self._finish(step)
         return None
 
+    def _finish(self, step: Step) -> None:
+        if step.phase == "close":
+            self._grip_offset = self._item_in_tool()
+        elif step.phase in ("lift", "transfer"):
+            self.carried.append(step)
+        elif step.phase == "lower":
+            self._grip_offset = None  # It stands, and may be let go.
+
+    def _check_grip(self, step: Step, tick: int) -> Failure | None:
+        """Compare the item's place in the hand with that after closing."""
+        if self._grip_offset is None or step.phase not in HOLDING:
+            return None
+        slip = float(np.linalg.norm(self._item_in_tool() - self._grip_offset))
+        if slip <= _MAX_SLIP:
+            return None
+        self.carried.append(_part(step, tick + 1))
+        self._grip_offset = None
+        item = self.scene.item
+        return Failure(
+            Fault.LOST_GRIP, f"the {item} slipped {1e3 * slip:.0f} mm in the jaw"
+        )
+
     def _item_in_tool(self) -> Array:
-        scene = self._scene
+        scene = self.scene
         rotation = scene.data.site_xmat[scene.robot.tcp].reshape(3, 3)
         tcp = scene.data.site_xpos[scene.robot.tcp]
         return rotation.T @ (scene.position(scene.item) - tcp)
 
-    def _correct(self) -> tuple[Step, ...] | Refusal:
-        """Plan the placing anew from where the item really is."""
-        scene, plan = self._scene, self._plan
-        # Against the commanded pose of the tool, so that its own error cancels too.
-        position, yaw = scene.position(scene.item), scene.yaw(scene.item)
-        return replan_placing(scene, plan, Hold.measure(plan.hover, position, yaw))
+
+def carry_out(
+    driver: Driver, plan: Plan, camera: Camera
+) -> Generator[Snapshot, None, Failure | None]:
+    """Do all steps of a plan; return what went wrong, if anything."""
+    failure = yield from driver.drive(plan.picking)
+    if failure is not None:
+        return failure
+    # Against the commanded pose of the tool, so that its own error cancels too.
+    seen, item = camera.look(), driver.scene.item
+    hold = Hold.measure(plan.hover, seen.position(item), seen.yaw(item))
+    placing = replan_placing(driver.scene, plan, hold)
+    if isinstance(placing, Refusal):
+        detail = f"correction {placing.reason}: {placing.detail}"
+        return Failure(Fault.NO_CORRECTION, detail)
+    return (yield from driver.drive((*placing, *plan.returning)))
 
 
-def _score(
-    scene: Scene, plan: Plan, before: dict[str, Array], failure: str | None
+def score(
+    driver: Driver, goal: Goal, before: Mapping[str, Array], failure: Failure | None
 ) -> Execution:
+    """Say how everything stands.
+
+    Args:
+        driver: Has done what there was to do.
+        goal: Where the item should be.
+        before: Where the bystanders stood, by name.
+        failure: What went wrong on the way.
+    """
+    scene, item = driver.scene, driver.scene.item
     shifts = {
         name: 1e3 * float(np.linalg.norm(scene.position(name) - position))
         for name, position in before.items()
     }
-    yaw = 0.0 if plan.grasp.is_symmetric else abs(scene.yaw(scene.item))
+    inside = goal.receptacle is not None
+    settled = scene.center_of_mass(item) if inside else scene.position(item)
+    turn = (scene.yaw(item) - goal.yaw + np.pi) % (2.0 * np.pi) - np.pi
+    is_symmetric = GRASPS[item][0].is_symmetric
     execution = Execution(
-        commanded=plan.target,
-        settled=scene.position(scene.item)[:2],
-        tilt_deg=float(np.degrees(scene.tilt(scene.item))),
-        yaw_error_deg=float(np.degrees(yaw)),
+        commanded=goal.target,
+        settled=settled[:2],
+        tilt_deg=float(np.degrees(scene.tilt(item))),
+        yaw_error_deg=0.0 if is_symmetric else float(np.degrees(abs(turn))),
         max_bystander_shift_mm=max(shifts.values(), default=0.0),
         failure=failure,
         duration=scene.data.time,
+        receptacle=goal.receptacle,
+        touched=frozenset(driver.watchdog.touched),
+        effort=driver.watchdog.effort,
     )
-    return execution if failure else _judge(execution, scene.item, shifts)
+    return execution if failure else _judge(execution, scene, shifts)
 
 
-def _judge(execution: Execution, item: str, shifts: dict[str, float]) -> Execution:
+def _judge(
+    execution: Execution, scene: Scene, shifts: Mapping[str, float]
+) -> Execution:
     """Fill in why a completed motion is no success, if it is none."""
-    faults = []
-    if execution.error_mm >= MAX_ERROR_MM:
-        faults.append(f"the {item} stands {execution.error_mm:.1f} mm off")
-    if execution.tilt_deg >= MAX_TILT_DEG:
-        faults.append(f"the {item} is tilted by {execution.tilt_deg:.1f} degrees")
-    if execution.yaw_error_deg >= MAX_YAW_ERROR_DEG:
-        faults.append(f"the {item} is turned by {execution.yaw_error_deg:.1f} degrees")
-    faults += [
+    faults = _faults_of_item(execution, scene)
+    moved = [
         f"the {name} was moved by {shift:.1f} mm"
         for name, shift in shifts.items()
         if shift > MAX_SHIFT_MM
     ]
-    return replace(execution, failure="; ".join(faults) or None)
+    if not faults and not moved:
+        return execution
+    fault = Fault.MISPLACED if faults else Fault.DISTURBED
+    return replace(execution, failure=Failure(fault, "; ".join([*faults, *moved])))
+
+
+def _faults_of_item(execution: Execution, scene: Scene) -> list[str]:
+    item, faults = scene.item, []
+    if execution.error_mm >= MAX_ERROR_MM:
+        faults.append(f"the {item} stands {execution.error_mm:.1f} mm off")
+    if execution.receptacle is not None:
+        if not is_inside(scene, execution.receptacle):
+            faults.append(f"the {item} is not in the {execution.receptacle}")
+        return faults
+    if execution.tilt_deg >= MAX_TILT_DEG:
+        faults.append(f"the {item} is tilted by {execution.tilt_deg:.1f} degrees")
+    if execution.yaw_error_deg >= MAX_YAW_ERROR_DEG:
+        faults.append(f"the {item} is turned by {execution.yaw_error_deg:.1f} degrees")
+    return faults
+
+
+def is_inside(scene: Scene, name: str) -> bool:
+    """Tell whether the item lies in a receptacle: its centre of mass below the rim."""
+    receptacle = RECEPTACLES[scene.item, name]
+    center = scene.center_of_mass(scene.item)
+    offset = center - scene.position(name)
+    is_within = np.linalg.norm(offset[:2]) < PROPS[name].radius
+    return bool(is_within and offset[2] < PROPS[name].height - receptacle.depth)
+
+
+def _part(step: Step, num_ticks: int) -> Step:
+    """The first commands of a step."""
+    return replace(
+        step,
+        positions=step.positions[:num_ticks],
+        velocities=step.velocities[:num_ticks],
+        torques=step.torques[:num_ticks],
+    )

@@ -6,10 +6,12 @@ from typing import Final
 import numpy as np
 
 from tablesetting.irl.arrays import Array
+from tablesetting.scene.jaw import WRIST_OFFSET
 from tablesetting.scene.robot import BASE_POSITION
 
 _APPROACH_GAP: Final = 0.015  # [m]
 _RELEASE_GAP: Final = 0.008  # [m]
+_NUM_SYMMETRIC_YAWS: Final = 24
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,12 @@ class ToolPose:
         """Orientation of the tool in the world, shape (3, 3)."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         return np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]])
+
+    @property
+    def wrist(self) -> Array:
+        """Where the axis of the wrist is, seen from the arm's foot, (2,), in [m]."""
+        ahead = np.array([np.cos(self.yaw), np.sin(self.yaw)])
+        return self.position[:2] - WRIST_OFFSET * ahead - BASE_POSITION[:2]
 
     def raised_to(self, height: float) -> "ToolPose":
         """The pose above or below this one whose height is `height`, in [m]."""
@@ -61,7 +69,7 @@ class Hold:
 
 @dataclass(frozen=True)
 class Grasp:
-    """How to hold one kind of item that stands or lies with yaw 0."""
+    """How to hold one kind of item that stands or lies on its underside."""
 
     height: float
     """Tool centre point above the item's origin, in [m]."""
@@ -71,6 +79,8 @@ class Grasp:
     """Tool centre point ahead of the item's origin, along the item's y, in [m]."""
     is_symmetric: bool = False
     """Whether the item looks the same from all sides, so that its yaw is free."""
+    is_reversed: bool = False
+    """Whether the wrist is on the item's far side, towards its y, not on the near one."""
 
     @property
     def approach_opening(self) -> float:
@@ -87,27 +97,45 @@ class Grasp:
 
     @property
     def hold(self) -> Hold:
-        """Where the item is in the tool if nothing slips."""
+        """Where the item is in the tool if nothing slips.
+
+        The fingers close across the item's length. So the tool's x axis points along it,
+        to one end or the other.
+        """
+        if self.is_reversed:
+            return Hold(np.array([self.along, 0.0, self.height]), np.pi / 2)
         return Hold(np.array([-self.along, 0.0, self.height]), -np.pi / 2)
 
-    def tool_pose(self, item_position: Array) -> ToolPose:
-        """Pose of the tool that holds an item standing at a position (2,), in [m].
+    def tool_poses(self, item_position: Array, item_yaw: float) -> list[ToolPose]:
+        """Poses of the tool that hold an item standing somewhere, one or many.
 
-        A symmetric item is held with the tool in line with the arm, any other with the
-        fingers on both sides of its length.
+        Args:
+            item_position: Origin of the item, shape (3,), in [m].
+            item_yaw: Its heading, in [rad]; of no effect if it is symmetric.
         """
-        x, y = item_position - BASE_POSITION[:2]
-        yaw = float(np.arctan2(y, x)) if self.is_symmetric else np.pi / 2
-        return self.hold.tool_pose(np.array([*item_position, 0.0]), yaw)
+        if not self.is_symmetric:
+            return [self.hold.tool_pose(item_position, item_yaw - self.hold.yaw)]
+        x, y = item_position[:2] - BASE_POSITION[:2]
+        outwards = float(np.arctan2(y, x))
+        turns = np.linspace(0.0, 2.0 * np.pi, _NUM_SYMMETRIC_YAWS, endpoint=False)
+        return [
+            self.hold.tool_pose(item_position, outwards + turn)
+            for turn in turns.tolist()
+        ]
 
 
-_HANDLE: Final = Grasp(height=0.017, half_width=0.005)
+# The finger tips clear the table by 2.5 mm.
+_HANDLE: Final = Grasp(height=0.0185, half_width=0.005)
 
 GRASPS: Final[dict[str, tuple[Grasp, ...]]] = {
     # At the neck, where the fingers stay above everything else on the table.
     "vase": (Grasp(height=0.135, half_width=0.018, is_symmetric=True),),
-    # Anywhere on the handle: further out for places close to the arm, further in for
-    # those at the far end of its reach. The finger tips clear the table by 1 mm.
-    "spoon": (_HANDLE, replace(_HANDLE, along=0.012), replace(_HANDLE, along=-0.03)),
+    # Anywhere on the handle, from either side: further out for places close to the arm,
+    # further in for those at the far end of its reach.
+    "spoon": tuple(
+        replace(_HANDLE, along=along, is_reversed=is_reversed)
+        for along in (0.0, 0.012, -0.015, -0.03, -0.045)
+        for is_reversed in (False, True)
+    ),
 }
-"""The ways to hold each item that can be placed, by name, best first."""
+"""The ways to hold each item that can be placed, by name, most secure first."""

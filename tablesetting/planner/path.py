@@ -8,17 +8,29 @@ import numpy as np
 from tablesetting.irl.arrays import Array
 from tablesetting.planner.grasp import ToolPose
 from tablesetting.planner.ik import IkConfig, IkResult, IkSolver
+from tablesetting.planner.load import Load
 from tablesetting.planner.trajectory import Step, move_through, wait
+from tablesetting.scene.jaw import WRIST_OFFSET
 from tablesetting.scene.robot import BASE_POSITION, HOME, TCP_SITE, robot_model
 
-_SPACING: Final = 0.04  # Between two waypoints, in [m].
-_MAX_JUMP: Final = 0.6  # Of a joint between two waypoints, in [rad].
+_SPACING: Final = 0.06  # Between two waypoints, in [m]
+_TURN: Final = 0.35  # and of the tool's heading, in [rad].
+_ANGLES: Final = [1, 3]  # Of a polar pose: azimuth, and heading against it.
+_MAX_JUMP: Final = 0.8  # Of a joint between two waypoints, in [rad].
 # A restart would land on another branch of solutions, to which no path leads.
 _IK_CONFIG: Final = IkConfig(num_restarts=0, max_iterations=20)
 
 
 class Unreachable(Exception):
-    """The arm cannot follow a path; the message says where."""
+    """The arm cannot follow a path; the message says where.
+
+    Attributes:
+        phase: Name of the step that cannot be made.
+    """
+
+    def __init__(self, phase: str, message: str) -> None:
+        super().__init__(message)
+        self.phase = phase
 
 
 class Path:
@@ -28,13 +40,17 @@ class Path:
         configuration: Arm joints at the end, shape (6,), in [rad].
         pose: Pose of the tool at the end.
         opening: Travel of each finger at the end, in [m].
+        load: What the servos can do, and what they carry; may be changed on the way.
         steps: The steps so far.
     """
 
-    def __init__(self, configuration: Array, pose: ToolPose, opening: float) -> None:
+    def __init__(
+        self, configuration: Array, pose: ToolPose, opening: float, load: Load
+    ) -> None:
         self.configuration = configuration
         self.pose = pose
         self.opening = opening
+        self.load = load
         self.steps: list[Step] = []
         self._solver = _make_solver()
 
@@ -43,11 +59,13 @@ class Path:
 
         Raises:
             Unreachable: If the arm cannot follow.
+            Overload: If its joints are too weak.
         """
         waypoints = [self.configuration]
         for pose in _sweep(self.pose, goal):
             waypoints.append(self._solve(phase, pose, waypoints[-1]))
-        self.steps.append(move_through(phase, np.array(waypoints), self.opening))
+        step = move_through(phase, np.array(waypoints), self.opening, self.load)
+        self.steps.append(step)
         self.configuration, self.pose = waypoints[-1], goal
 
     def grip(self, phase: str, opening: float, duration: float) -> None:
@@ -57,26 +75,33 @@ class Path:
 
     def wait(self, phase: str, duration: float) -> None:
         """Stand still, in [s]."""
-        self.steps.append(wait(phase, self.configuration, self.opening, duration))
+        step = wait(phase, self.configuration, self.opening, duration, self.load)
+        self.steps.append(step)
 
     def _solve(self, phase: str, pose: ToolPose, previous: Array) -> Array:
         start = _with_jaw(previous)
         result = self._solver.solve(pose.position, pose.rotation, start)
         configuration = result.configuration[: previous.size]
         if not result.is_solved:
-            raise Unreachable(_describe(phase, pose, result))
+            raise Unreachable(phase, _describe(phase, pose, result))
         if np.abs(configuration - previous).max() > _MAX_JUMP:
-            raise Unreachable(f"{phase}: the arm would swing at {_at(pose)}")
+            raise Unreachable(phase, f"{phase}: the arm would swing at {_at(pose)}")
         return configuration
 
 
 @cache
 def home_pose() -> ToolPose:
     """Pose of the tool when the arm is at home."""
-    position, rotation = _make_solver().forward(_with_jaw(np.array(HOME)))
+    return tool_pose_at(np.array(HOME))
+
+
+def tool_pose_at(configuration: Array) -> ToolPose:
+    """Pose of the tool at an arm configuration, shape (6,), in [rad]."""
+    position, rotation = _make_solver().forward(_with_jaw(configuration))
     return ToolPose(position, float(np.arctan2(rotation[1, 0], rotation[0, 0])))
 
 
+@cache
 def _make_solver() -> IkSolver:
     return IkSolver(robot_model(), TCP_SITE, _with_jaw(np.array(HOME)), _IK_CONFIG)
 
@@ -87,21 +112,27 @@ def _with_jaw(configuration: Array) -> Array:
 
 
 def _sweep(start: ToolPose, goal: ToolPose) -> list[ToolPose]:
-    """Poses after `start` up to `goal`, in polar coordinates about the arm's foot."""
-    distance = np.linalg.norm(goal.position - start.position)
-    fractions = np.linspace(0.0, 1.0, 2 + int(distance / _SPACING))[1:, None]
+    """Poses after `start` up to `goal`: the wrist moves in polar coordinates."""
     first, last = _to_polar(start), _to_polar(goal)
-    return [_from_polar(row) for row in first + fractions * (last - first)]
+    change = last - first
+    change[_ANGLES] = np.mod(change[_ANGLES] + np.pi, 2.0 * np.pi) - np.pi
+    distance = np.linalg.norm(goal.position - start.position)
+    num = 1 + int(max(distance / _SPACING, abs(change[3]) / _TURN))
+    fractions = np.linspace(0.0, 1.0, num + 1)[1:, None]
+    return [_from_polar(row) for row in first + fractions * change]
 
 
 def _to_polar(pose: ToolPose) -> Array:
-    x, y = pose.position[:2] - BASE_POSITION[:2]
-    return np.array([np.hypot(x, y), np.arctan2(y, x), pose.position[2], pose.yaw])
+    x, y = pose.wrist
+    azimuth = np.arctan2(y, x)
+    return np.array([np.hypot(x, y), azimuth, pose.position[2], pose.yaw - azimuth])
 
 
 def _from_polar(row: Array) -> ToolPose:
-    radius, azimuth, height, yaw = row
-    x, y = radius * np.array([np.cos(azimuth), np.sin(azimuth)]) + BASE_POSITION[:2]
+    radius, azimuth, height, heading = row
+    yaw = azimuth + heading
+    wrist = radius * np.array([np.cos(azimuth), np.sin(azimuth)]) + BASE_POSITION[:2]
+    x, y = wrist + WRIST_OFFSET * np.array([np.cos(yaw), np.sin(yaw)])
     return ToolPose(np.array([x, y, height]), float(yaw))
 
 

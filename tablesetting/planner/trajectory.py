@@ -6,13 +6,13 @@ from typing import Final
 import numpy as np
 
 from tablesetting.irl.arrays import Array
+from tablesetting.planner.load import Load
 
-CONTROL_PERIOD: Final = 0.01
+CONTROL_PERIOD: Final = 0.008
 """Time between two commands to the servos, in [s]."""
 
-_MAX_SPEED: Final = np.array([1.6, 1.6, 1.6, 2.2, 2.2, 2.2])  # [rad/s]
-_MAX_ACCELERATION: Final = 8.0  # [rad/s^2]
-_SAMPLES_PER_WAYPOINT: Final = 64  # To find the extremes of a path.
+_SPEED_SHARE: Final = 0.9  # Of the limit; the servos need the rest to make up for lags.
+_SAMPLES_PER_WAYPOINT: Final = 32  # To find the extremes of a path.
 
 
 @dataclass(frozen=True)
@@ -23,16 +23,20 @@ class Step:
         phase: What the arm does, such as "lift".
         positions: Arm joints, shape (T, 6), in [rad].
         velocities: Their rates, shape (T, 6), in [rad/s].
+        torques: What the motion takes, shape (T, 6), in [Nm].
         opening: Commanded travel of each finger, in [m].
     """
 
     phase: str
     positions: Array
     velocities: Array
+    torques: Array
     opening: float
 
 
-def move_through(phase: str, waypoints: Array, opening: float) -> Step:
+def move_through(
+    phase: str, waypoints: Array, opening: float, load: Load, slowdown: float = 1.0
+) -> Step:
     """Move from rest to rest through waypoints, as fast as the limits allow.
 
     The path is a cubic Hermite spline over the chord length; the speed along it
@@ -42,32 +46,46 @@ def move_through(phase: str, waypoints: Array, opening: float) -> Step:
         phase: Name of the step.
         waypoints: Arm configurations, shape (N, 6) with N > 1, in [rad].
         opening: Travel of each finger meanwhile, in [m].
+        load: What the servos can do, and what they carry.
+        slowdown: How much longer than it must the motion may take, at least 1.
 
     Returns:
         The commands after the first waypoint up to the last.
+
+    Raises:
+        Overload: If the torques do not suffice, however slow the motion.
     """
-    duration = _shortest_duration(waypoints)
+    duration = slowdown * _shortest_duration(waypoints, load)
     num_ticks = max(1, int(np.ceil(duration / CONTROL_PERIOD)))
     fractions = np.arange(1, num_ticks + 1) / num_ticks
     positions, slopes = _follow(waypoints, fractions)
-    return Step(phase, positions, slopes / (num_ticks * CONTROL_PERIOD), opening)
+    velocities = slopes / (num_ticks * CONTROL_PERIOD)
+    torques = load.torques(positions, velocities, CONTROL_PERIOD)
+    if load.excess(torques) > 1.0:
+        slower = slowdown * load.slowdown(positions, torques)
+        return move_through(phase, waypoints, opening, load, slower)
+    return Step(phase, positions, velocities, torques, opening)
 
 
-def wait(phase: str, configuration: Array, opening: float, duration: float) -> Step:
+def wait(
+    phase: str, configuration: Array, opening: float, duration: float, load: Load
+) -> Step:
     """Stand still for a while, in [s], as when the fingers close."""
     num_ticks = round(duration / CONTROL_PERIOD)
     positions = np.tile(configuration, (num_ticks, 1))
-    return Step(phase, positions, np.zeros_like(positions), opening)
+    torques = np.tile(load.weight(configuration), (num_ticks, 1))
+    return Step(phase, positions, np.zeros_like(positions), torques, opening)
 
 
-def _shortest_duration(waypoints: Array) -> float:
+def _shortest_duration(waypoints: Array, load: Load) -> float:
     """Time in which no joint exceeds its speed or acceleration, in [s]."""
+    servos = load.servos
     num_samples = _SAMPLES_PER_WAYPOINT * len(waypoints)
     _, rates = _follow(waypoints, np.linspace(0.0, 1.0, num_samples + 1))
     rate_changes = np.diff(rates, axis=0) * num_samples
-    by_speed = np.max(np.abs(rates) / _MAX_SPEED)
-    by_acceleration = np.sqrt(np.max(np.abs(rate_changes)) / _MAX_ACCELERATION)
-    return float(max(by_speed, by_acceleration))
+    by_speed = np.max(np.abs(rates) / (_SPEED_SHARE * servos.speed_limits))
+    by_acceleration = np.max(np.abs(rate_changes) / servos.acceleration_limits)
+    return float(max(by_speed, np.sqrt(by_acceleration)))
 
 
 def _follow(waypoints: Array, fractions: Array) -> tuple[Array, Array]:

@@ -1,0 +1,111 @@
+"""What a motion asks of the joints: inverse dynamics against their limits."""
+
+from functools import cache
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from tablesetting.irl.arrays import Array
+from tablesetting.scene.robot import RobotIndex, robot_model
+from tablesetting.scene.servos import Servos
+
+_GRAVITY: Final = 9.81  # [m/s^2]
+_TORQUE_SHARE: Final = 0.9  # Of the limit that a plan may use.
+_STRIDE: Final = 4  # Commands from one evaluation of the dynamics to the next.
+
+
+class Overload(Exception):
+    """The joints are too weak, even for standing still; the message says where."""
+
+
+class Load:
+    """The arm with its servos, and what it carries."""
+
+    def __init__(self, servos: Servos, mass: float = 0.0) -> None:
+        """Take up a load.
+
+        Args:
+            servos: What drives the joints.
+            mass: Of what the jaw holds, in [kg].
+        """
+        self.servos = servos
+        self._mass = mass
+        self._model = robot_model(servos)
+        self._robot = RobotIndex.of(self._model)
+        self._data = _data(servos)
+
+    def torques(self, positions: Array, velocities: Array, period: float) -> Array:
+        """Torque of every joint along a motion, shape (T, 6), in [Nm].
+
+        Args:
+            positions: Arm joints, shape (T, 6), in [rad].
+            velocities: Their rates, shape (T, 6), in [rad/s].
+            period: Between two rows, in [s].
+        """
+        num_ticks = len(positions)
+        padded = np.vstack([0.0 * velocities[:1], velocities])
+        accelerations = np.diff(padded, axis=0) / period
+        ticks = np.unique([*range(0, num_ticks, _STRIDE), num_ticks - 1])
+        known = np.array(
+            [
+                self._inverse(positions[t], velocities[t], accelerations[t])
+                for t in ticks
+            ]
+        )
+        every = np.arange(num_ticks)
+        return np.stack([np.interp(every, ticks, column) for column in known.T], axis=1)
+
+    def weight(self, configuration: Array) -> Array:
+        """Torque that it takes to stand still, shape (6,), in [Nm]."""
+        rest = np.zeros(6)
+        return self._inverse(configuration, rest, rest)
+
+    def excess(self, torques: Array) -> float:
+        """Largest share of what a plan may use, over motion and joints."""
+        return float(np.max(np.abs(torques) / self._allowed))
+
+    def slowdown(self, positions: Array, torques: Array) -> float:
+        """How much slower a motion must be for its torques to suffice.
+
+        What is not weight falls with the square of the duration.
+
+        Raises:
+            Overload: If the weight alone is too much.
+        """
+        weights = np.array([self.weight(q) for q in positions[::_STRIDE]])
+        spare = self._allowed - np.abs(weights)
+        if spare.min() <= 0.0:
+            joint = int(spare.min(axis=0).argmin())
+            raise Overload(
+                f"joint {joint + 1} would have to hold {np.abs(weights[:, joint]).max():.1f}"
+                f" Nm; it is planned with {self._allowed[joint]:.1f} Nm at most"
+            )
+        moving = np.abs(torques[::_STRIDE] - weights)
+        return max(1.05, float(np.sqrt(np.max(moving / spare))))
+
+    @property
+    def _allowed(self) -> Array:
+        return _TORQUE_SHARE * self.servos.torque_limits
+
+    def _inverse(self, position: Array, velocity: Array, acceleration: Array) -> Array:
+        model, data, robot = self._model, self._data, self._robot
+        data.qpos[robot.arm_qpos] = position
+        data.qvel[robot.arm_dofs] = velocity
+        data.qacc[robot.arm_dofs] = acceleration
+        mujoco.mj_inverse(model, data)
+        torque = data.qfrc_inverse[robot.arm_dofs].copy()
+        if self._mass > 0.0:
+            jacobian = np.empty((3, model.nv))
+            mujoco.mj_jacSite(model, data, jacobian, None, robot.tcp)
+            torque += self._mass * _GRAVITY * jacobian[2, robot.arm_dofs]
+        return torque
+
+
+@cache
+def _data(servos: Servos) -> mujoco.MjData:
+    """State to compute in; only the arm's joints are ever written."""
+    data = mujoco.MjData(robot_model(servos))
+    robot = RobotIndex.of(robot_model(servos))
+    data.qpos[robot.jaw_qpos] = 0.02
+    return data

@@ -1,0 +1,161 @@
+"""Looks at the simulation while the arm moves, and breaks off what goes wrong."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from tablesetting.irl.arrays import Array, Booleans
+from tablesetting.scene.scene import Scene
+
+_MAX_LAG: Final = 0.2  # Of a joint behind its command, in [rad].
+_POSITION_TOL: Final = 2e-3  # Beyond the range of a joint, in [rad].
+_TORQUE_TOL: Final = 1e-6  # As a share of the limit; servos are clipped there.
+_TOUCH: Final = 0.0  # Things that are this far apart do not touch, in [m].
+_DIVERGENCE: Final = (
+    mujoco.mjtWarning.mjWARN_BADQPOS,
+    mujoco.mjtWarning.mjWARN_BADQVEL,
+    mujoco.mjtWarning.mjWARN_BADQACC,
+)
+
+
+class Fault(StrEnum):
+    """What kind of thing went wrong."""
+
+    DIVERGED = "diverged"
+    """The numbers of the simulation are none."""
+    HELD_UP = "held up"
+    """The arm does not follow its commands."""
+    TABLE_TOUCHED = "table touched"
+    """The arm touched the table."""
+    LIMIT = "limit"
+    """A joint went beyond its range, speed or torque."""
+    LOST_GRIP = "lost grip"
+    """The item slipped or fell out of the jaw."""
+    NO_CORRECTION = "no correction"
+    """The item sits in the jaw such that it cannot be put down where it should."""
+    MISPLACED = "misplaced"
+    """The motion was completed, but the item is not where or as it should be."""
+    DISTURBED = "disturbed"
+    """The item is well, but something else was moved."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a placement did not succeed."""
+
+    fault: Fault
+    detail: str
+
+    def __str__(self) -> str:
+        """Say what went wrong."""
+        return self.detail
+
+
+@dataclass
+class Effort:
+    """How far a motion went towards the limits, as shares of them.
+
+    Attributes:
+        speed: Largest speed of a joint.
+        torque: Largest torque of a servo.
+        overrun: Furthest beyond the range of a joint, in [rad]; 0 within.
+    """
+
+    speed: float = 0.0
+    torque: float = 0.0
+    overrun: float = 0.0
+
+
+class Watchdog:
+    """Checks the state of a scene after every control period.
+
+    Attributes:
+        effort: The most that was seen.
+        touched: Bystanders that arm or item have touched.
+    """
+
+    def __init__(self, scene: Scene, receptacle: str | None = None) -> None:
+        """Look up what belongs to what.
+
+        Args:
+            scene: To be looked at.
+            receptacle: What the item may touch.
+        """
+        self.effort = Effort()
+        self.touched: set[str] = set()
+        self._scene = scene
+        model = scene.model
+        roots = model.body_rootid[model.geom_bodyid]
+        self._is_arm = roots == model.body("jaco/").id
+        is_item = roots == scene.body_ids[scene.item]
+        self._is_mover = self._is_arm | is_item
+        # A number for each bystander; what the receptacle touches is the arm's business.
+        self._names = scene.objects
+        bodies = [scene.body_ids[name] for name in scene.objects]
+        self._bystander = np.full(model.ngeom, -1)
+        for index, body in enumerate(bodies):
+            self._bystander[roots == body] = index
+        self._may_touch_item = receptacle
+        self._is_table = np.zeros(model.ngeom, dtype=bool)
+        self._is_table[model.geom("top").id] = True
+        joints = [model.joint(f"jaco/joint_{k}") for k in range(1, 7)]
+        limited = np.array([bool(joint.limited[0]) for joint in joints])
+        ranges = np.array([joint.range for joint in joints])
+        self._low = np.where(limited, ranges[:, 0], -np.inf)
+        self._high = np.where(limited, ranges[:, 1], np.inf)
+
+    def check(self, commanded: Array) -> Failure | None:
+        """Look at the state; `commanded` is where the joints should be, shape (6,)."""
+        data = self._scene.data
+        if any(data.warning[kind].number for kind in _DIVERGENCE):
+            return Failure(Fault.DIVERGED, "the simulation diverged")
+        position = data.qpos[self._scene.robot.arm_qpos]
+        if np.abs(position - commanded).max() > _MAX_LAG:
+            return Failure(Fault.HELD_UP, "the arm is held up")
+        return self._check_contacts() or self._check_limits(position)
+
+    def _check_contacts(self) -> Failure | None:
+        contact = self._scene.data.contact
+        geoms = contact.geom
+        is_near = contact.dist < _TOUCH
+        involves_mover = is_near & self._is_mover[geoms].any(axis=1)
+        geoms = geoms[involves_mover]
+        if (self._is_arm[geoms].any(axis=1) & self._is_table[geoms].any(axis=1)).any():
+            return Failure(Fault.TABLE_TOUCHED, "the arm touches the table")
+        bystanders = self._bystander[geoms].max(axis=1, initial=-1)
+        for index in np.unique(bystanders[bystanders >= 0]):
+            by_arm = self._is_arm[geoms[bystanders == index]].any()
+            if by_arm or self._names[index] != self._may_touch_item:
+                self.touched.add(self._names[index])
+        return None
+
+    def _check_limits(self, position: Array) -> Failure | None:
+        scene, servos, effort = self._scene, self._scene.servos, self.effort
+        speeds = np.abs(scene.data.qvel[scene.robot.arm_dofs]) / servos.speed_limits
+        force = scene.data.actuator_force[scene.robot.arm_ctrl]
+        torques = np.abs(force) / servos.torque_limits
+        overruns = np.maximum(self._low - position, position - self._high)
+        effort.speed = max(effort.speed, float(speeds.max()))
+        effort.torque = max(effort.torque, float(torques.max()))
+        effort.overrun = max(effort.overrun, float(overruns.max()))
+        for shares, limit, what in (
+            (speeds, 1.0, "speed"),
+            (torques, 1.0 - _TORQUE_TOL, "torque"),
+            (overruns, _POSITION_TOL, "range"),
+        ):
+            if shares.max() > limit:
+                joint = int(shares.argmax()) + 1
+                return Failure(Fault.LIMIT, f"joint {joint} is beyond its {what}")
+        return None
+
+
+def held(scene: Scene) -> Booleans:
+    """Tell which of the two pads touch the item, shape (2,)."""
+    model, contact = scene.model, scene.data.contact
+    is_item = model.geom_bodyid[contact.geom] == scene.body_ids[scene.item]
+    with_item = contact.geom[is_item.any(axis=1)]
+    pads = [model.geom(f"jaco/jaw/{side}_pad").id for side in ("left", "right")]
+    return np.array([bool((with_item == pad).any()) for pad in pads])
