@@ -127,7 +127,8 @@ def _free_placements(
 ) -> Array:
     """Place for one reward, shape (D,), in every layout; return shape (L, 2)."""
     # Made anew for each run, as a free space keeps what it once computed.
-    spaces = [problem.space.free_space(layout) for layout in layouts]
+    receptacles = problem.task.receptacles
+    spaces = [problem.space.free_space(layout, receptacles) for layout in layouts]
     return best_placements(weights[None], layouts, problem.widths, spaces)[:, 0]
 
 

@@ -40,7 +40,7 @@ def plain_free_placements(
     """Place for one reward, shape (D,), in every layout; return shape (L, 2)."""
     best = np.empty((len(layouts), 2))
     for i, layout in enumerate(layouts):
-        space = problem.space.free_space(layout)
+        space = problem.space.free_space(layout, problem.task.receptacles)
         best[i] = plain.best_free_placement(weights, layout, problem.widths, space)
     return best
 

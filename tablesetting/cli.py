@@ -26,6 +26,7 @@ from tablesetting.experiments.config import DoctorConfig, InspectConfig, RunConf
 from tablesetting.experiments.study_config import (
     STUDIES,
     CalibrationStudyConfig,
+    ExecutionStudyConfig,
     PlacementStudyConfig,
     StudyConfig,
     TrialsConfig,
@@ -56,6 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         RunConfig: _run,
         PlacementStudyConfig: _study,
         CalibrationStudyConfig: _study,
+        ExecutionStudyConfig: _study,
         InspectConfig: _inspect,
         DoctorConfig: _doctor,
     }

@@ -7,6 +7,7 @@ from itertools import cycle, product
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -197,6 +198,68 @@ def plot_calibration(
         axes.set_ylabel("losses within the bound")
     _write_title(figure, title)
     return figure
+
+
+def plot_execution(rows: Sequence[Mapping[str, str]], title: str) -> Figure:
+    """Draw how exactly the arm placed things, and where.
+
+    Args:
+        rows: Rows of the rounds.csv of an execution study that ask for what can be done.
+        title: The settings.
+
+    Returns:
+        The figure: first the distribution of the errors, then a map of them for each
+        task and goal, with crosses where there was no success.
+    """
+    kinds = list(dict.fromkeys((row["task"], row["goal"]) for row in rows))
+    num_panels = 1 + len(kinds)
+    figure = Figure(figsize=(1.2 + 3.4 * num_panels, 3.8), layout="constrained")
+    first, *maps = figure.subplots(1, num_panels, squeeze=False)[0]
+    done = [row for row in rows if row["error_mm"]]
+    scale = LogNorm(*_range_of_errors(numbers(done, "error_mm")))
+    for (kind, color), axes in zip(
+        zip(kinds, cycle(_STRATEGIES), strict=False), maps, strict=True
+    ):
+        own = [row for row in rows if (row["task"], row["goal"]) == kind]
+        own_done = [row for row in own if row["error_mm"]]
+        errors = np.sort(numbers(own_done, "error_mm"))
+        shares = np.arange(1, len(errors) + 1) / max(len(errors), 1)
+        first.step(errors, shares, where="post", color=color, label=", ".join(kind))
+        points = axes.scatter(
+            numbers(own_done, "x"),
+            numbers(own_done, "y"),
+            c=np.maximum(numbers(own_done, "error_mm"), scale.vmin or 0.0),
+            norm=scale,
+            s=14.0,
+        )
+        _cross_out([row for row in own if row["success"] != "1"], axes)
+        axes.set(
+            title=", ".join(kind),
+            xlabel="x [table units]",
+            xlim=(-0.05, 1.05),
+            ylim=(-0.05, 1.05),
+            aspect="equal",
+        )
+    if maps:
+        maps[0].set_ylabel("y, away from the robot [table units]")
+        figure.colorbar(points, ax=maps[-1], label="error [mm]")
+        first.set_xscale("log")
+        first.legend(frameon=False, loc="upper left")
+    first.set(xlabel="error [mm]", ylabel="share of the placements", ylim=(0.0, 1.02))
+    first.grid(alpha=0.3)
+    _write_title(figure, title)
+    return figure
+
+
+def _range_of_errors(errors: Sequence[float]) -> tuple[float, float]:
+    """Span a logarithmic scale over errors, in [mm]."""
+    least = max(min(errors, default=0.01), 1e-3)
+    return least, max(max(errors, default=1.0), 2.0 * least)
+
+
+def _cross_out(rows: Sequence[Mapping[str, str]], axes: Axes) -> None:
+    if rows:
+        axes.plot(numbers(rows, "x"), numbers(rows, "y"), "x", color=_MAX, ms=9, mew=2)
 
 
 def _draw_both(

@@ -39,6 +39,7 @@ _RUN_FILES = (
     *("figures", "figures/learning.png", "figures/query_*.png"),
     *("comparison.md", "figures/placement.png", "figures/placement.svg"),
     *("calibration.md", "figures/calibration.png"),
+    *("execution.md", "figures/execution.png"),
 )
 
 _PACKAGES = ("mujoco", "dm-control", "mink", "rerun-sdk", "numpy", "scipy", "numba")

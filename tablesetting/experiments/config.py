@@ -111,6 +111,42 @@ class LearningConfig:
                 )
 
 
+@dataclass(frozen=True)
+class ArmConfig:
+    """How strong the arm is, and how well it knows its world; perfectly unless told."""
+
+    servos: Literal["stiff", "real"] = "stiff"
+    """`stiff` position servos are accurate and fast; `real` ones are the Jaco's own, with
+    its torques, speeds and weight, and take three times as long."""
+    fast: bool = False
+    """Simulate in steps of 4 ms instead of 2: faster, half as accurate."""
+    item_noise_mm: float = 0.0
+    """Standard deviation of the item's seen position, along x and y each."""
+    item_noise_deg: float = 0.0
+    """Standard deviation of its seen heading."""
+    layout_noise_mm: float = 0.0
+    """Standard deviation of the seen position of every other object."""
+    mass_spread: float = 0.0
+    """Mass of every prop up to this much heavier or lighter: 0.5 is from 1/1.5 to 1.5
+    times the model's."""
+    friction_spread: float = 0.0
+    """The same of the friction of props and finger pads."""
+
+    def __post_init__(self) -> None:
+        for name, most in (
+            ("item_noise_mm", 100.0),
+            ("item_noise_deg", 90.0),
+            ("layout_noise_mm", 100.0),
+            ("mass_spread", 10.0),
+            ("friction_spread", 10.0),
+        ):
+            if not 0.0 <= getattr(self, name) <= most:
+                option = name.replace("_", "-")
+                raise ValueError(
+                    f"--{option} must be in [0, {most:g}]; got {getattr(self, name)}"
+                )
+
+
 def refuse_without_effect(preset: PresetName, learning: LearningConfig) -> None:
     """Refuse options of a model that is not used, and what the paper's sampler has not."""
     likelihood = learning.likelihood or (
@@ -201,6 +237,8 @@ class RunConfig:
     """Write the last posterior for ArviZ as well; needs the extra `arviz`."""
     execute: Annotated[int | None, by_preset("all", "0")] = None
     """Queried layouts in which the arm acts."""
+    arm: OmitArgPrefixes[ArmConfig] = field(default_factory=ArmConfig)
+    """How strong the arm is, and how well it knows its world."""
     seed: int = 0
     """Seed of all randomness."""
     out: Annotated[

@@ -3,7 +3,7 @@
 from collections.abc import Generator, Iterator
 from dataclasses import replace
 
-from tablesetting.experiments.arm import Attempt, place
+from tablesetting.experiments.arm import Arm, Attempt
 from tablesetting.experiments.config import RunConfig
 from tablesetting.experiments.learning import LearningRound, learn
 from tablesetting.experiments.rounds import RunRound, execution_view, round_view
@@ -14,8 +14,6 @@ from tablesetting.irl.arrays import Array
 from tablesetting.recording import RunCard, RunRecorder
 from tablesetting.results import RECORDING, RunFolder, package_versions
 from tablesetting.reward.likelihood import Demonstration
-from tablesetting.reward.problem import PlacementProblem
-from tablesetting.scene.scene import Scene
 
 
 def run(
@@ -37,7 +35,7 @@ def run(
     task = setup.problem.task
     files = RunFiles(folder, config, setup)
     files.write_config()
-    scene = Scene(task.objects, task.item)
+    arm = Arm(task.objects, task.item, config.arm)
     card = RunCard(
         task=task.name,
         strategy=config.strategy,
@@ -48,9 +46,9 @@ def run(
     )
     recording_id = f"{task.name}-{config.preset}-{config.strategy}-{config.seed}"
     with RunRecorder(
-        folder.path / RECORDING, scene.model, card, recording_id=recording_id
+        folder.path / RECORDING, arm.scene.model, card, recording_id=recording_id
     ) as recorder:
-        for latest in _learn(config, setup, scene, recorder):
+        for latest in _learn(config, setup, arm, recorder):
             files.add(latest)
             if latest.stopped is not None:
                 recorder.log_summary(files.write_summary(latest.stopped))
@@ -58,7 +56,7 @@ def run(
 
 
 def _learn(
-    config: RunConfig, setup: RunSetup, scene: Scene, recorder: RunRecorder
+    config: RunConfig, setup: RunSetup, arm: Arm, recorder: RunRecorder
 ) -> Iterator[RunRound]:
     """Learn until the budget is spent or the bound is small, on request certified so."""
     problem = setup.problem
@@ -72,11 +70,11 @@ def _learn(
         )
         recorder.log_round(round_view(latest, problem, config.strategy))
         if latest.stopped is None and num_asked < setup.num_executions:
-            attempt = _act(state.learning, problem, scene, recorder)
+            attempt = _act(state.learning, setup, arm, recorder)
             latest = replace(latest, attempt=attempt)
         else:
-            scene.lay(state.learning.query)
-            recorder.show(scene.snapshot())
+            arm.scene.lay(state.learning.query)
+            recorder.show(arm.scene.snapshot())
         yield latest
         if latest.stopped is not None:
             return
@@ -98,13 +96,15 @@ def _evaluate(
 
 def _act(
     learning: Round[Array, Demonstration],
-    problem: PlacementProblem,
-    scene: Scene,
+    setup: RunSetup,
+    arm: Arm,
     recorder: RunRecorder,
 ) -> Attempt:
     """Let the arm put the item where the best guess wants it and it fits."""
     best_guess = learning.posterior.guessed_weights
-    target = problem.best_free_placement(best_guess, learning.query)
-    attempt = place(scene, recorder, learning.query, target)
+    target = setup.problem.best_free_placement(best_guess, learning.query)
+    attempt = arm.place(learning.query, target, recorder.record, rng=setup.arm_rng)
+    if attempt.is_refused:
+        recorder.show(arm.scene.snapshot())
     recorder.log_execution(execution_view(attempt))
     return attempt

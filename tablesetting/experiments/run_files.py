@@ -52,6 +52,7 @@ class RunFiles:
         setup, task = self._setup, self._setup.problem.task
         options = asdict(self._config)
         options |= options.pop("learning")
+        options |= options.pop("arm")
         options["out"] = str(self._folder.path)
         resolved = {
             "problem": asdict(setup.problem.config),
@@ -166,7 +167,7 @@ def summarize_attempts(attempts: list[Attempt]) -> dict[str, float | int | None]
     made = [attempt for attempt in attempts if not attempt.is_refused]
     errors = [attempt.error_mm for attempt in made]
     shifts = [attempt.max_bystander_shift_mm for attempt in made]
-    tilts = [attempt.tilt_deg for attempt in made]
+    tilts = [attempt.tilt_deg for attempt in made if attempt.receptacle is None]
     return {
         "attempted": len(made),
         "succeeded": sum(attempt.failure is None for attempt in made),

@@ -65,6 +65,7 @@ class RunSetup:
         rng: Source of the randomness of the active loop.
         teacher_rng: Source of that of the first demonstration.
         side_seeds: Source of that of whatever only looks on.
+        arm_rng: Source of that of the arm's senses, and of its props.
     """
 
     problem: PlacementProblem
@@ -78,6 +79,7 @@ class RunSetup:
     rng: np.random.Generator
     teacher_rng: np.random.Generator
     side_seeds: np.random.SeedSequence
+    arm_rng: np.random.Generator
 
     @classmethod
     def of_config(
@@ -96,7 +98,7 @@ class RunSetup:
         """
         defaults = DEFAULTS[config.preset]
         seeds = seeds or np.random.SeedSequence(config.seed)
-        *children, side_seeds = seeds.spawn(7)
+        *children, side_seeds, arm_seeds = seeds.spawn(8)
         first_rng, test_rng, loop_rng, deployed_rng, teacher_rng, truth_rng = map(
             np.random.default_rng, children
         )
@@ -128,6 +130,7 @@ class RunSetup:
             rng=loop_rng,
             teacher_rng=teacher_rng,
             side_seeds=side_seeds,
+            arm_rng=np.random.default_rng(arm_seeds),
         )
 
 

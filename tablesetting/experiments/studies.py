@@ -1,38 +1,37 @@
-"""The studies there are: what a trial of each gives, and what is made of all trials."""
+"""The studies there are: each a module that tells its columns and carries out a trial.
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+A study is imported when it is asked for: only one of them needs the simulator, for which
+the processes of the others do not wait.
+"""
 
-from tablesetting.experiments import calibration_study, placement_study
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Protocol, cast
+
 from tablesetting.experiments.study_config import TrialsConfig
 from tablesetting.experiments.trials import Trial
 
 
-@dataclass(frozen=True)
-class Study:
-    """One kind of study.
+class _Study(Protocol):
+    """What the module of a study has."""
 
-    Attributes:
-        columns: Lists the columns of rounds.csv.
-        run_trial: Carries out a trial; returns its rows.
-    """
+    def columns(self, config: TrialsConfig) -> list[str]: ...
 
-    columns: Callable[[Any], list[str]]
-    run_trial: Callable[[Any, Trial], Sequence[dict[str, object]]]
-
-
-_STUDIES = {
-    "placement": Study(placement_study.columns, placement_study.run_trial),
-    "calibration": Study(calibration_study.columns, calibration_study.run_trial),
-}
+    def run_trial(
+        self, config: TrialsConfig, trial: Trial
+    ) -> Sequence[dict[str, object]]: ...
 
 
 def columns(config: TrialsConfig) -> list[str]:
     """List the columns of a study's rounds.csv."""
-    return _STUDIES[config.name].columns(config)
+    return _study(config).columns(config)
 
 
 def run_trial(config: TrialsConfig, trial: Trial) -> Sequence[dict[str, object]]:
     """Carry out one trial of a study; return its rows."""
-    return _STUDIES[config.name].run_trial(config, trial)
+    return _study(config).run_trial(config, trial)
+
+
+def _study(config: TrialsConfig) -> _Study:
+    module = import_module(f"tablesetting.experiments.{config.name}_study")
+    return cast(_Study, module)

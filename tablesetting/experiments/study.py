@@ -4,11 +4,17 @@ from collections.abc import Generator
 from functools import partial
 from typing import cast
 
-from tablesetting.experiments import calibration_results, study_results
+from tablesetting.experiments import (
+    calibration_results,
+    execution_results,
+    study_results,
+)
 from tablesetting.experiments.calibration_results import CALIBRATION, write_calibration
+from tablesetting.experiments.execution_results import EXECUTIONS, write_executions
 from tablesetting.experiments.studies import run_trial
 from tablesetting.experiments.study_config import (
     CalibrationStudyConfig,
+    ExecutionStudyConfig,
     PlacementStudyConfig,
 )
 from tablesetting.experiments.study_files import StudyFolder
@@ -46,6 +52,9 @@ def finish_study(study: StudyFolder) -> list[str]:
     if isinstance(study.config, CalibrationStudyConfig):
         lines = write_calibration(study.folder, study.config, rows)
         files = (CALIBRATION, calibration_results.FIGURE)
+    elif isinstance(study.config, ExecutionStudyConfig):
+        lines = write_executions(study.folder, study.config, rows)
+        files = (EXECUTIONS, execution_results.FIGURE)
     else:
         config = cast(PlacementStudyConfig, study.config)
         lines = write_results(study.folder, config, rows)

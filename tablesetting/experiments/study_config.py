@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, cast, get_args
 from tyro.conf import OmitArgPrefixes, arg
 
 from tablesetting.experiments.config import (
+    ArmConfig,
     LearningConfig,
     PresetName,
     RunConfig,
@@ -37,10 +38,6 @@ class TrialsConfig(ABC):
     """What to place."""
     num_trials: int = 100
     """Trials of each task."""
-    num_queries: int = 10
-    """Queries asked after the first demonstration."""
-    num_layouts: int = 200
-    """Test layouts drawn in each trial."""
     jobs: Annotated[
         int | None, arg(help_behavior_hint="(default: one for each core)")
     ] = None
@@ -69,6 +66,9 @@ class TrialsConfig(ABC):
     """The option that lists what every trial compares."""
     column: ClassVar[str]
     """The column that names which of these a row is of."""
+    texts: ClassVar[tuple[str, ...]] = ()
+    """Other columns that are no numbers; where one of them is filled, numbers may be
+    missing."""
 
     def __post_init__(self) -> None:
         refuse_below(
@@ -132,8 +132,8 @@ class TrialsConfig(ABC):
         ...
 
     @abstractmethod
-    def run_config(self, task: TaskName, compared: str) -> RunConfig:
-        """Return the options of the run that a part of a trial is."""
+    def row_keys(self, task: TaskName) -> list[dict[str, str]]:
+        """Return the cells by which each row of a whole trial is known, in order."""
         ...
 
     @property
@@ -146,7 +146,30 @@ class TrialsConfig(ABC):
 
 
 @dataclass(frozen=True)
-class PlacementStudyConfig(TrialsConfig):
+class LearningStudyConfig(TrialsConfig):
+    """What studies of learning have in common: a trial has runs without the arm."""
+
+    num_queries: int = 10
+    """Queries asked after the first demonstration."""
+    num_layouts: int = 200
+    """Test layouts drawn in each trial."""
+
+    @abstractmethod
+    def run_config(self, task: TaskName, compared: str) -> RunConfig:
+        """Return the options of the run that a part of a trial is."""
+        ...
+
+    def row_keys(self, task: TaskName) -> list[dict[str, str]]:
+        """Return a key for every number of demonstrations, one compared after another."""
+        return [
+            {self.column: compared, "num_demos": str(num_demos)}
+            for compared in self.compared
+            for num_demos in range(1, self.num_queries + 2)
+        ]
+
+
+@dataclass(frozen=True)
+class PlacementStudyConfig(LearningStudyConfig):
     """Repeat the paper's table experiment: tasks x strategies x trials, no arm.
 
     In a trial all strategies share the first demonstration and the test layouts. The
@@ -221,7 +244,7 @@ class PlacementStudyConfig(TrialsConfig):
 
 
 @dataclass(frozen=True)
-class CalibrationStudyConfig(TrialsConfig):
+class CalibrationStudyConfig(LearningStudyConfig):
     """Ask how often the bound holds: simulated people of many kinds and preferences.
 
     In a trial a true reward is drawn from the prior, and people of each kind, who all
@@ -286,12 +309,52 @@ class CalibrationStudyConfig(TrialsConfig):
         )
 
 
+GoalName = Literal["table", "bowl", "infeasible"]
+_ITEMS_FOR_BOWLS = ("spoon",)
+
+
+@dataclass(frozen=True)
+class ExecutionStudyConfig(TrialsConfig):
+    """Let the arm place things in random layouts, and measure how well it does.
+
+    In a trial it puts the item at a random place on the table where it fits, with a random
+    heading; the spoon into the bowl as well; and is asked for something impossible.
+    """
+
+    num_trials: int = 400
+    """Trials of each task."""
+    goals: tuple[GoalName, ...] = ("table", "bowl", "infeasible")
+    """Where to: free places on the table; into the bowl, where the item goes there; and
+    requests that are to be refused."""
+    arm: OmitArgPrefixes[ArmConfig] = field(default_factory=ArmConfig)
+    """How strong the arm is, and how well it knows its world."""
+
+    name: ClassVar[str] = "execution"
+    listed: ClassVar[str] = "goals"
+    column: ClassVar[str] = "goal"
+    texts: ClassVar[tuple[str, ...]] = ("request", "refusal", "fault", "state")
+
+    @property
+    def compared(self) -> tuple[str, ...]:
+        """The kinds of goals."""
+        return self.goals
+
+    def goals_of(self, task: TaskName) -> tuple[GoalName, ...]:
+        """Return the kinds of goals that there are for the item of a task."""
+        goes_into_bowls = task in _ITEMS_FOR_BOWLS
+        return tuple(goal for goal in self.goals if goal != "bowl" or goes_into_bowls)
+
+    def row_keys(self, task: TaskName) -> list[dict[str, str]]:
+        """Return a key for each goal."""
+        return [{self.column: goal} for goal in self.goals_of(task)]
+
+
 def _changed(config: object) -> set[str]:
     """Name the options that are not what they are unless told."""
     found = set()
     for described in fields(cast(Any, config)):
         value = getattr(config, described.name)
-        if isinstance(value, LearningConfig):
+        if isinstance(value, LearningConfig | ArmConfig):
             found |= _changed(value)
         elif value != described.default:
             found.add(described.name)
@@ -299,7 +362,8 @@ def _changed(config: object) -> set[str]:
 
 
 STUDIES: dict[str, type[TrialsConfig]] = {
-    study.name: study for study in (PlacementStudyConfig, CalibrationStudyConfig)
+    study.name: study
+    for study in (PlacementStudyConfig, CalibrationStudyConfig, ExecutionStudyConfig)
 }
 """Studies by name."""
 
@@ -309,5 +373,5 @@ class StudyConfig:
     """Repeat an experiment many times.
 
     `study placement` is the paper's on the table, `study calibration` asks how often the
-    bound holds.
+    bound holds, `study execution` how well the arm does what it is told.
     """

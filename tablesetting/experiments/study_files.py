@@ -152,26 +152,35 @@ def _read_trials(
         trial: found.get((trial.task, str(trial.index)), [])
         for trial in shard_trials(config)
     }
-    return {trial: own for trial, own in trials.items() if _is_complete(own, config)}
+    return {
+        trial: own
+        for trial, own in trials.items()
+        if _is_complete(own, config, config.row_keys(trial.task))
+    }
 
 
-def _is_complete(rows: Sequence[Row], config: TrialsConfig) -> bool:
+def _is_complete(
+    rows: Sequence[Row], config: TrialsConfig, keys: Sequence[Mapping[str, str]]
+) -> bool:
     """Tell whether these are the rows of one whole trial."""
-    expected = [
-        (compared, str(num_demos))
-        for compared in config.compared
-        for num_demos in range(1, config.num_queries + 2)
-    ]
-    found = [(row.get(config.column), row.get("num_demos")) for row in rows]
-    names = ("task", config.column)
-    return found == expected and all(_is_numeric(row, names) for row in rows)
+    if len(rows) != len(keys):
+        return False
+    return all(
+        all(row.get(name) == cell for name, cell in key.items())
+        and _is_numeric(row, config)
+        for row, key in zip(rows, keys, strict=True)
+    )
 
 
-def _is_numeric(row: Row, names: Sequence[str]) -> bool:
+def _is_numeric(row: Row, config: TrialsConfig) -> bool:
     """Tell whether every cell but the names is a number; some may be infinite."""
+    names = ("task", config.column, *config.texts)
+    may_be_empty = any(row.get(name) for name in config.texts)
     try:
         values = {
-            column: float(cell) for column, cell in row.items() if column not in names
+            column: float(cell)
+            for column, cell in row.items()
+            if column not in names and not (may_be_empty and cell == "")
         }
     except (TypeError, ValueError):  # Cells are missing, or there are too many.
         return False

@@ -8,6 +8,7 @@ from typing import Any, get_args
 
 from tablesetting.errors import InvalidFile
 from tablesetting.experiments.config import (
+    ArmConfig,
     LearningConfig,
     LikelihoodName,
     PresetName,
@@ -18,12 +19,18 @@ from tablesetting.experiments.config import (
 from tablesetting.experiments.setup import problem_settings
 from tablesetting.experiments.study_config import (
     STUDIES,
+    ExecutionStudyConfig,
+    GoalName,
+    LearningStudyConfig,
     PlacementStudyConfig,
     TrialsConfig,
 )
 from tablesetting.results import CONFIG, CONFIG_FORMAT, package_versions, read_json
 
-_LEARNING = tuple(field.name for field in fields(LearningConfig))
+_GROUPS = {"learning": LearningConfig, "arm": ArmConfig}
+"""Options that stand flat in the file, by the field that holds them."""
+_COMPARED = {"strategy": StrategyName, "teacher": TeacherName, "goal": GoalName}
+"""What the values in a column can be."""
 # What may differ between the start of a study and its going on.
 _OF_ONE_CALL = ("jobs", "out", "resume", "overwrite", "merge")
 
@@ -31,23 +38,31 @@ _OF_ONE_CALL = ("jobs", "out", "resume", "overwrite", "merge")
 def describe(config: TrialsConfig) -> dict[str, Any]:
     """Return the content of config.json, as it will be read back."""
     options = asdict(config)
-    options |= options.pop("learning", {})
+    for group in _GROUPS:
+        options |= options.pop(group, {})
     for name in _OF_ONE_CALL:
         del options[name]
+    content = {
+        "format": CONFIG_FORMAT,
+        "command": f"study {config.name}",
+        "options": options,
+        "resolved": _resolve(config),
+        "versions": package_versions(),
+    }
+    return json.loads(json.dumps(content))
+
+
+def _resolve(config: TrialsConfig) -> dict[str, Any]:
+    """Return what the options of a study of learning come to."""
+    if not isinstance(config, LearningStudyConfig):
+        return {}
     problems = {
         name: asdict(problem_settings(config.run_config(config.tasks[0], name)))
         for name in config.compared
     }
     first = problems[config.compared[0]]
     is_same = all(problem == first for problem in problems.values())
-    content = {
-        "format": CONFIG_FORMAT,
-        "command": f"study {config.name}",
-        "options": options,
-        "resolved": {"problem": first if is_same else problems},
-        "versions": package_versions(),
-    }
-    return json.loads(json.dumps(content))
+    return {"problem": first if is_same else problems}
 
 
 def first_difference(found: Mapping[str, Any], expected: Mapping[str, Any]) -> str:
@@ -96,12 +111,13 @@ def _parse(study: type[TrialsConfig], found: Mapping[str, Any]) -> TrialsConfig:
         name: tuple(value) if isinstance(value, list) else value
         for name, value in found.items()
     }
-    if issubclass(study, PlacementStudyConfig):
-        learning = {name: options.pop(name) for name in _LEARNING}
-        options["learning"] = LearningConfig(**learning)
+    for group, kind in _GROUPS.items():
+        if group in {field.name for field in fields(study)}:
+            own = {field.name: options.pop(field.name) for field in fields(kind)}
+            options[group] = kind(**own)
     config = study(**options)
     for name in ("num_trials", "num_queries", "seed"):
-        if type(options[name]) is not int:
+        if name in options and type(options[name]) is not int:
             raise ValueError(f"{name} must be a whole number")
     for names, known in _choices(config):
         if unknown := set(names) - set(known):
@@ -112,8 +128,9 @@ def _parse(study: type[TrialsConfig], found: Mapping[str, Any]) -> TrialsConfig:
 def _choices(config: TrialsConfig) -> Iterator[tuple[tuple[Any, ...], tuple[Any, ...]]]:
     """Yield names that were chosen, and those that there are."""
     yield config.tasks, get_args(TaskName)
-    is_calibration = config.column == "teacher"
-    yield config.compared, get_args(TeacherName if is_calibration else StrategyName)
+    yield config.compared, get_args(_COMPARED[config.column])
+    if isinstance(config, ExecutionStudyConfig):
+        yield (config.arm.servos,), ("stiff", "real")
     if isinstance(config, PlacementStudyConfig):
         learning = config.learning
         yield (config.preset,), get_args(PresetName)
