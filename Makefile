@@ -6,7 +6,8 @@ INSTALLED := $(VENV)/.installed
 IN_PARALLEL := -q -n auto --maxprocesses 4 --dist worksteal  # each worker compiles a scene
 
 .DEFAULT_GOAL := help
-.PHONY: help install run test test-slow format check bench picture reproduction clean
+.PHONY: help install run test test-slow format check bench picture execution \
+  reproduction clean
 
 help:  ## List the targets.
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-13s %s\n", $$1, $$2}' Makefile
@@ -45,9 +46,14 @@ check: $(INSTALLED)  ## Check format, lint, types and layers.
 bench: $(INSTALLED)  ## Measure speed and memory.
 	$(BIN)/python benchmarks/run.py
 
-picture: $(INSTALLED)  ## Draw the picture of the README anew (needs a Vulkan driver).
+picture: $(INSTALLED)  ## Draw the pictures of a run and of the arm anew (needs Vulkan and EGL).
 	$(BIN)/tablesetting run vase --seed 0 --out runs/picture --overwrite
 	$(BIN)/tablesetting inspect runs/picture --screenshot docs/recording.png --at 11.7
+	$(BIN)/python docs/draw_arm.py docs/arm.png
+
+execution: $(INSTALLED)  ## Let the arm place things 400 times, and draw its figure anew.
+	$(BIN)/tablesetting study execution --out runs/execution --overwrite
+	cp runs/execution/figures/execution.png docs/execution_study.png
 
 reproduction: $(INSTALLED)  ## Do the paper's table experiment, and draw its figure anew.
 	$(BIN)/tablesetting study placement --out runs/reproduction --overwrite
