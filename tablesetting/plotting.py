@@ -244,7 +244,7 @@ def plot_execution(rows: Sequence[Mapping[str, str]], title: str) -> Figure:
         maps[0].set_ylabel("y, away from the robot [table units]")
         figure.colorbar(points, ax=maps[-1], label="error [mm]")
         first.set_xscale("log")
-        first.legend(frameon=False, loc="upper left")
+        first.legend(frameon=False, loc="lower right")
     first.set(xlabel="error [mm]", ylabel="share of the placements", ylim=(0.0, 1.02))
     first.grid(alpha=0.3)
     _write_title(figure, title)

@@ -10,7 +10,7 @@ import numpy as np
 from tablesetting.irl.arrays import Array
 from tablesetting.planner.grasp import Hold
 from tablesetting.scene.perception import Percept
-from tablesetting.scene.scene import Scene
+from tablesetting.scene.scene import Scene, geom_owners
 
 _MARGIN: Final = 0.002
 """Robot and held item keep this far from bystanders, the robot from itself; [m]."""
@@ -64,10 +64,10 @@ class CollisionChecker:
         for name, pose in seen.poses.items():
             self._data.qpos[scene.pose_slice(name)] = pose
         self._robot = scene.robot
-        self._owners = _owners(scene)
-        self._item = scene.item
-        self._may_touch_item = may_touch_item
+        self._names = ("table", "arm", *scene.body_ids)
+        self._owners = geom_owners(scene, self._names)
         self._bystanders = frozenset(scene.objects)
+        self._least = self._least_distances(scene.item, may_touch_item)
         self._item_qpos = scene.pose_slice(scene.item)
 
     def rest_item(self, position: Array, yaw: float) -> None:
@@ -100,6 +100,18 @@ class CollisionChecker:
                 return contact
         return None
 
+    def _least_distances(self, item: str, may_touch_item: bool) -> Array:
+        """How near any two owners may come, a symmetric matrix, in [m]."""
+        num = len(self._names)
+        least = np.full((num, num), -_TOUCH)
+        must_keep_away = [name in self._bystanders for name in self._names]
+        least[must_keep_away, :] = least[:, must_keep_away] = _MARGIN
+        np.fill_diagonal(least, _MARGIN)
+        if may_touch_item:
+            pair = [self._names.index(name) for name in ("arm", item)]
+            least[pair, pair[::-1]] = -np.inf
+        return least
+
     def _carry_item(self, hold: Hold) -> None:
         rotation = self._data.site_xmat[self._robot.tcp].reshape(3, 3)
         position = self._data.site_xpos[self._robot.tcp] + rotation @ hold.offset
@@ -108,37 +120,26 @@ class CollisionChecker:
 
     def _forbidden_contact(self) -> Contact | None:
         contact = self._data.contact
-        for k in np.argsort(contact.dist):
-            names = (self._owners[geom] for geom in contact.geom[k])
-            mover, other = sorted(names, key=self._bystanders.__contains__)
-            distance = float(contact.dist[k])
-            if self._may_touch_item and {mover, other} == {"arm", self._item}:
-                continue
-            must_keep_away = other == mover or other in self._bystanders
-            if distance < (_MARGIN if must_keep_away else -_TOUCH):
-                return Contact(mover, other, distance)
-        return None
+        owners = self._owners[contact.geom]
+        is_forbidden = contact.dist < self._least[owners[:, 0], owners[:, 1]]
+        if not is_forbidden.any():
+            return None
+        nearest = int(np.where(is_forbidden, contact.dist, np.inf).argmin())
+        names = [self._names[owner] for owner in owners[nearest]]
+        mover, other = sorted(names, key=self._bystanders.__contains__)
+        return Contact(mover, other, float(contact.dist[nearest]))
 
 
-def _apart(configurations: Array) -> list[Array]:
-    """Thin a path out, keeping its end."""
-    kept = [configurations[-1]]
-    for configuration in configurations[-2::-1]:
-        if np.abs(configuration - kept[-1]).max() >= _STRIDE:
-            kept.append(configuration)
-    return kept[::-1]
+def _apart(configurations: Array) -> Array:
+    """Thin a path out, keeping its end, so that joints move little more than the stride."""
+    moved = np.abs(np.diff(configurations, axis=0)).max(axis=1)
+    strides = np.ceil(np.cumsum(moved[::-1])[::-1] / _STRIDE)
+    is_kept = np.append(np.diff(strides, append=0.0) < 0.0, True)
+    return configurations[is_kept]
 
 
 def _upright(position: Array, yaw: float) -> Array:
     return np.array([*position, np.cos(yaw / 2.0), 0.0, 0.0, np.sin(yaw / 2.0)])
-
-
-def _owners(scene: Scene) -> list[str]:
-    """Name what each geom belongs to: a prop, the arm or the table."""
-    names = {body: name for name, body in scene.body_ids.items()}
-    names[scene.model.body("jaco/").id] = "arm"
-    roots = scene.model.body_rootid[scene.model.geom_bodyid]
-    return [names.get(int(root), "table") for root in roots]
 
 
 def _inflated(scene: Scene) -> mujoco.MjModel:

@@ -70,40 +70,42 @@ def best_grips(
     """
     grips = []
     for grasp in GRASPS[scene.item]:
-        start = (seen.position(scene.item) * [1, 1, 0], seen.yaw(scene.item))
-        picks = _scored(scene, seen, grasp, *start, heights)
-        for goal in goals:
-            places = _scored(scene, seen, grasp, goal.release, goal.yaw, heights)
-            pick, pick_score = picks[0]
-            grips += [
-                Grip(grasp, goal, pick, place, _total(pick_score, score, pick, place))
-                for place, score in places
-            ]
+        stand = seen.position(scene.item) * [1, 1, 0]
+        picks = grasp.tool_poses(stand, seen.yaw(scene.item))
+        pick_scores = _scores(scene, seen, grasp, picks, heights)
+        best = int(pick_scores.argmax())
+        pick, pick_score = picks[best], float(pick_scores[best])
+        ends = [
+            (goal, place)
+            for goal in goals
+            for place in grasp.tool_poses(goal.release, goal.yaw)
+        ]
+        scores = _scores(scene, seen, grasp, [place for _, place in ends], heights)
+        grips += [
+            Grip(grasp, goal, pick, place, _total(pick_score, score, pick, place))
+            for (goal, place), score in zip(ends, scores.tolist(), strict=True)
+        ]
     return sorted(grips, key=lambda grip: -grip.score)
 
 
-def _scored(
+def _scores(
     scene: Scene,
     seen: Percept,
     grasp: Grasp,
-    position: Array,
-    yaw: float,
+    tools: Sequence[ToolPose],
     heights: tuple[float, float],
-) -> list[tuple[ToolPose, float]]:
-    """Tool poses for an item somewhere with their scores, best first."""
-    tools = grasp.tool_poses(position, yaw)
-    opening = grasp.approach_opening
-    room = clearances(tools, opening, seen, scene.objects)
+) -> Array:
+    """Room and reach of tool poses at one height, shape (N,), in [m]."""
+    room = clearances(tools, grasp.approach_opening, seen, scene.objects)
     scores = np.minimum(room, _ENOUGH_ROOM)
-    for height in (tools[0].position[2], max(heights)):
-        scores = scores + np.minimum(_margins(tools, height), _ENOUGH_MARGIN)
-    order = np.argsort(-scores, kind="stable")
-    return [(tools[k], float(scores[k])) for k in order]
-
-
-def _margins(tools: Sequence[ToolPose], height: float) -> Array:
-    """How far wrists are from the limits of reach, shape (N,), in [m]."""
     radii = np.array([np.hypot(*tool.wrist) for tool in tools])
+    for height in (tools[0].position[2], max(heights)):
+        scores = scores + np.minimum(_margins(radii, height), _ENOUGH_MARGIN)
+    return scores
+
+
+def _margins(radii: Array, height: float) -> Array:
+    """How far wrists at some radii (N,) are from the limits of reach, in [m]."""
     above_foot = height - BASE_POSITION[2]
     nearest = np.interp(above_foot, _HEIGHTS, _NEAREST)
     furthest = np.interp(above_foot, _HEIGHTS, _FURTHEST)

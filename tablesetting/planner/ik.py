@@ -142,7 +142,7 @@ class IkSolver:
         for _ in range(self.config.max_iterations):
             result = self._measure()
             if result.is_solved:
-                break
+                return result
             velocity = mink.solve_ik(
                 self._state,
                 [self._pose_task, self._posture_task],

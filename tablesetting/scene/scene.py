@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from tablesetting.errors import InvalidLayout
-from tablesetting.irl.arrays import Array
+from tablesetting.irl.arrays import Array, Indices
 from tablesetting.scene import robot
 from tablesetting.scene.controller import ArmController
 from tablesetting.scene.jaw import MAX_OPENING
@@ -218,6 +218,25 @@ class Scene:
                     f"{first} and {second} stand {-1e3 * distance:.1f} mm inside each "
                     "other; move their centers apart"
                 )
+
+
+def geom_owners(scene: Scene, names: Sequence[str]) -> Indices:
+    """Say what each geom of a scene belongs to.
+
+    Args:
+        scene: The scene.
+        names: "table", "arm" and every prop, in any order.
+
+    Returns:
+        An index into `names` for each geom, shape (ngeom,).
+    """
+    model = scene.model
+    roots = model.body_rootid[model.geom_bodyid]
+    owners = np.full(model.ngeom, names.index("table"))
+    owners[roots == model.body("jaco/").id] = names.index("arm")
+    for name, body in scene.body_ids.items():
+        owners[roots == body] = names.index(name)
+    return owners
 
 
 def _compile(
