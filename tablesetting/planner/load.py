@@ -1,5 +1,6 @@
 """What a motion asks of the joints: inverse dynamics against their limits."""
 
+import copy
 from functools import cache
 from typing import Final
 
@@ -31,9 +32,8 @@ class Load:
         """
         self.servos = servos
         self._mass = mass
-        self._model = robot_model(servos)
+        self._model, self._data = _free_robot(servos)
         self._robot = RobotIndex.of(self._model)
-        self._data = _data(servos)
 
     def torques(self, positions: Array, velocities: Array, period: float) -> Array:
         """Torque of every joint along a motion, shape (T, 6), in [Nm].
@@ -103,9 +103,11 @@ class Load:
 
 
 @cache
-def _data(servos: Servos) -> mujoco.MjData:
-    """State to compute in; only the arm's joints are ever written."""
-    data = mujoco.MjData(robot_model(servos))
-    robot = RobotIndex.of(robot_model(servos))
-    data.qpos[robot.jaw_qpos] = 0.02
-    return data
+def _free_robot(servos: Servos) -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """The arm without stops and contacts; only its joints are ever written."""
+    model = copy.deepcopy(robot_model(servos))
+    flags = mujoco.mjtDisableBit.mjDSBL_LIMIT | mujoco.mjtDisableBit.mjDSBL_CONTACT
+    model.opt.disableflags |= int(flags)
+    data = mujoco.MjData(model)
+    data.qpos[RobotIndex.of(model).jaw_qpos] = 0.02
+    return model, data

@@ -46,9 +46,7 @@ class ParallelJaw(composer.Entity):
         # sets; twice the time step is the stiffest that MuJoCo allows.
         self._pad_solref = (2.0 * timestep, 1)
         self._add_bracket()
-        palm = self._root.worldbody.add(
-            "body", name="palm", pos=(WRIST_OFFSET, 0, 0), gravcomp=1
-        )
+        palm = self._root.worldbody.add("body", name="palm", pos=(WRIST_OFFSET, 0, 0))
         palm.add(
             "geom",
             name="palm",
@@ -73,8 +71,8 @@ class ParallelJaw(composer.Entity):
         return self._root
 
     def _add_bracket(self) -> None:
-        # In a body of its own, so that gravity compensation is said for it, too.
-        bracket = self._root.worldbody.add("body", name="bracket", gravcomp=1)
+        # In a body of its own, which gravity compensation can be said for.
+        bracket = self._root.worldbody.add("body", name="bracket")
         bracket.add(
             "geom",
             name="bracket",
@@ -87,9 +85,7 @@ class ParallelJaw(composer.Entity):
 
     def _add_finger(self, palm: Any, name: str, side: int) -> Any:
         """Add the finger that opens towards `side` (+1 or -1) of the y axis."""
-        finger = palm.add(
-            "body", name=name, pos=(0, 0, 2 * _PALM_HALF_SIZE[2]), gravcomp=1
-        )
+        finger = palm.add("body", name=name, pos=(0, 0, 2 * _PALM_HALF_SIZE[2]))
         finger.add(
             "joint",
             name=name,

@@ -47,10 +47,11 @@ class Jaco(composer.Entity):
         self._joints = [self._root.find("joint", joint) for joint in _JOINTS]
         for joint in self._joints:
             servos.drive(self._root, joint)
-        for body in self._root.find_all("body"):
-            body.gravcomp = float(servos.is_gravity_compensated)
         self._add_foot()
         self._jaw = ParallelJaw(timestep=timestep)
+        for part in (self._root, self._jaw.mjcf_model):
+            for body in part.find_all("body"):
+                body.gravcomp = float(servos.is_gravity_compensated)
         self.attach(self._jaw, self._root.find("site", "wristsite"))
 
     @property

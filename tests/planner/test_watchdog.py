@@ -1,0 +1,113 @@
+import numpy as np
+import pytest
+
+from tablesetting.planner.watchdog import Fault, Watchdog, held
+from tablesetting.scene.robot import HOME
+
+
+def check(watchdog, scene):
+    """Look while the joints are where they should be."""
+    return watchdog.check(scene.data.qpos[scene.robot.arm_qpos])
+
+
+def touch(scene, first, second):
+    """Let two geoms touch, whatever the physics."""
+    positions = [scene.position(name)[:2] for name in scene.objects]
+    scene.lay(scene.frame.from_world(np.array(positions)))  # Awake, with contacts.
+    scene.data.contact.dist[0] = -0.001
+    scene.data.contact.geom[0] = [
+        scene.model.geom(name).id if isinstance(name, str) else name
+        for name in (first, second)
+    ]
+
+
+def geom_of(scene, name):
+    return int(scene.model.body_geomadr[scene.body_ids[name]])
+
+
+def test_a_table_at_rest_is_well(vase_scene):
+    watchdog = Watchdog(vase_scene)
+    assert check(watchdog, vase_scene) is None
+    assert watchdog.touched == set()
+    assert watchdog.effort.overrun == 0.0
+
+
+def test_a_joint_far_behind_its_command_is_held_up(vase_scene):
+    failure = Watchdog(vase_scene).check(np.array(HOME) + [0.0, 0.3, 0, 0, 0, 0])
+    assert failure.fault == Fault.HELD_UP
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_a_joint_that_is_too_fast_is_beyond_its_limit(vase_scene, joint):
+    limit = vase_scene.servos.speed_limits[joint]
+    dof = vase_scene.robot.arm_dofs[joint]
+    watchdog = Watchdog(vase_scene)
+    vase_scene.data.qvel[dof] = -0.99 * limit
+    assert check(watchdog, vase_scene) is None
+    assert watchdog.effort.speed == pytest.approx(0.99)
+    vase_scene.data.qvel[dof] = 1.01 * limit
+    failure = check(watchdog, vase_scene)
+    assert failure.fault == Fault.LIMIT
+    assert failure.detail == f"joint {joint + 1} is beyond its speed"
+
+
+def test_a_servo_at_its_most_is_beyond_its_limit(vase_scene):
+    servo = vase_scene.robot.arm_ctrl[1]
+    vase_scene.data.actuator_force[servo] = -vase_scene.servos.torque_limits[1]
+    failure = check(Watchdog(vase_scene), vase_scene)
+    assert failure.detail == "joint 2 is beyond its torque"
+
+
+@pytest.mark.parametrize(("side", "sign"), [(0, -1), (1, 1)])
+def test_a_joint_beyond_its_range_is_beyond_its_limit(vase_scene, side, sign):
+    joint = vase_scene.model.joint("jaco/joint_2")
+    vase_scene.data.qpos[joint.qposadr[0]] = joint.range[side] + sign * 0.001
+    watchdog = Watchdog(vase_scene)
+    assert check(watchdog, vase_scene) is None  # Stops are a little soft.
+    assert watchdog.effort.overrun == pytest.approx(0.001)
+    vase_scene.data.qpos[joint.qposadr[0]] += sign * 0.002
+    assert check(watchdog, vase_scene).detail == "joint 2 is beyond its range"
+
+
+def test_the_arm_may_not_touch_the_table(vase_scene):
+    touch(vase_scene, "top", "jaco/jaw/left_pad")
+    failure = check(Watchdog(vase_scene), vase_scene)
+    assert failure.fault == Fault.TABLE_TOUCHED
+
+
+def test_what_arm_or_item_touch_is_remembered(vase_scene):
+    watchdog = Watchdog(vase_scene)
+    touch(vase_scene, geom_of(vase_scene, "cup"), "jaco/jaw/left_pad")
+    assert check(watchdog, vase_scene) is None
+    touch(vase_scene, geom_of(vase_scene, "vase"), geom_of(vase_scene, "glass"))
+    assert check(watchdog, vase_scene) is None
+    assert watchdog.touched == {"cup", "glass"}
+
+
+def test_things_that_are_near_do_not_touch(vase_scene):
+    watchdog = Watchdog(vase_scene)
+    touch(vase_scene, geom_of(vase_scene, "cup"), "jaco/jaw/left_pad")
+    vase_scene.data.contact.dist[0] = 1e-6
+    check(watchdog, vase_scene)
+    touch(vase_scene, geom_of(vase_scene, "cup"), geom_of(vase_scene, "glass"))
+    check(watchdog, vase_scene)
+    touch(vase_scene, geom_of(vase_scene, "vase"), "jaco/jaw/left_pad")
+    check(watchdog, vase_scene)
+    assert watchdog.touched == set()
+
+
+def test_a_receptacle_may_be_touched_by_what_goes_into_it_alone(spoon_scene):
+    watchdog = Watchdog(spoon_scene, receptacle="bowl")
+    bowl = geom_of(spoon_scene, "bowl")
+    touch(spoon_scene, geom_of(spoon_scene, "spoon"), bowl)
+    check(watchdog, spoon_scene)
+    assert watchdog.touched == set()
+    touch(spoon_scene, "jaco/jaw/left_pad", bowl)
+    check(watchdog, spoon_scene)
+    assert watchdog.touched == {"bowl"}
+
+
+def test_nothing_is_held_on_the_table(vase_scene):
+    assert not held(vase_scene).any()
+    touch(vase_scene, geom_of(vase_scene, "vase"), "jaco/jaw/left_pad")
+    assert held(vase_scene).tolist() == [True, False]
