@@ -52,8 +52,9 @@ def test_results_and_figures_load_no_simulator():
 
 
 def test_a_study_loads_no_simulator():
-    """Each of its processes would have to wait for that."""
-    loaded = imported_by("tablesetting.experiments.studies")
+    """Each of its processes would have to wait for that; but for the arm's own."""
+    modules = ("studies", "placement_study", "calibration_study")
+    loaded = imported_by(*(f"tablesetting.experiments.{name}" for name in modules))
     assert "numba" in loaded
     assert loaded.isdisjoint({"matplotlib", "h5netcdf", *SIMULATORS})
 

@@ -5,6 +5,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from tablesetting.curves import Curve, CurveKey
 from tablesetting.plotting import (
     plot_calibration,
+    plot_execution,
     plot_learning,
     plot_placement_study,
     plot_query,
@@ -172,3 +173,39 @@ def test_figures_can_be_saved_without_a_display(tmp_path, suffix):
     ):
         figure.savefig(tmp_path / f"figure{suffix}")
         assert (tmp_path / f"figure{suffix}").stat().st_size > 1000
+
+
+def executed(goal, error_mm, success="1", task="spoon"):
+    """A row of an execution study."""
+    place = {"x": "0.4", "y": "0.6"} if error_mm else {"x": "0.1", "y": "0.2"}
+    names = {"task": task, "goal": goal, "error_mm": error_mm, "success": success}
+    return names | place
+
+
+def test_executions_are_drawn_by_error_and_by_place():
+    rows = [
+        *[executed("table", error) for error in ("0.1", "0.3", "0.2")],
+        executed("bowl", "2.0"),
+        executed("bowl", "", success="0"),
+    ]
+    figure = plot_execution(rows, "5 layouts")
+    shares, table, bowl, bar = figure.axes
+    assert [line.get_label() for line in shares.lines] == [
+        "spoon, table",
+        "spoon, bowl",
+    ]
+    np.testing.assert_allclose(shares.lines[0].get_xdata(), [0.1, 0.2, 0.3])
+    np.testing.assert_allclose(shares.lines[0].get_ydata(), [1 / 3, 2 / 3, 1.0])
+    assert (table.get_title(), bowl.get_title()) == ("spoon, table", "spoon, bowl")
+    np.testing.assert_allclose(table.collections[0].get_offsets(), 3 * [[0.4, 0.6]])
+    assert not table.lines
+    (cross,) = bowl.lines
+    assert (*cross.get_xdata(), *cross.get_ydata()) == (0.1, 0.2)
+    assert bar.get_ylabel() == "error [mm]"
+
+
+@pytest.mark.parametrize("rows", [[], [executed("table", "", success="0")]])
+def test_executions_are_drawn_even_if_there_are_none(rows):
+    figure = plot_execution(rows, "1 layouts")
+    FigureCanvasAgg(figure).draw()
+    assert len(figure.axes) >= 1 + bool(rows)

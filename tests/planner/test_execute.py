@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -7,6 +8,7 @@ from tablesetting.planner.execute import execute, is_inside, run_to_end
 from tablesetting.planner.pick_place import plan
 from tablesetting.planner.watchdog import Failure, Fault
 from tablesetting.scene.perception import Camera
+from tablesetting.scene.props import PROPS
 
 FREE = np.array([0.02, -0.05])
 
@@ -15,9 +17,9 @@ def place(scene, target=FREE):
     return run_to_end(execute(scene, plan(scene, target)))
 
 
-def run_until(scene, phase):
+def run_until(scene, phase, target=FREE):
     """Start a placement and stop at the first snapshot of a phase."""
-    running = execute(scene, plan(scene, FREE))
+    running = execute(scene, plan(scene, target))
     while next(running).phase != phase:
         pass
     return running
@@ -156,6 +158,14 @@ def test_what_slips_in_the_hand_is_made_good(vase_scene):
     assert execution.error_mm < 0.6
 
 
+def test_what_slips_too_far_is_lost_though_it_is_held(vase_scene):
+    running = run_until(vase_scene, "transfer")
+    vase_scene.data.qpos[vase_scene.pose_slice("vase")][2] += 0.015
+    execution = run_to_end(running)
+    assert execution.failure.fault == Fault.LOST_GRIP
+    assert "the vase slipped 15 mm in the jaw" in execution.failure.detail
+
+
 def test_a_moved_bystander_is_a_failure(vase_scene):
     running = run_until(vase_scene, "settle")
     cup = vase_scene.model.body("cup/").jntadr[0]
@@ -189,6 +199,55 @@ def test_an_item_that_ends_elsewhere_is_misplaced(vase_scene):
     execution = run_to_end(running)
     assert execution.failure.fault == Fault.MISPLACED
     assert "stands 12." in execution.failure.detail
+
+
+def test_an_item_that_ends_on_its_side_is_misplaced(vase_scene):
+    running = run_until(vase_scene, "settle")
+    vase = vase_scene.data.qpos[vase_scene.pose_slice("vase")]
+    vase[2:] = [0.05, np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0]
+    execution = run_to_end(running)
+    assert execution.failure.fault == Fault.MISPLACED
+    assert "the vase is tilted by 90" in execution.failure.detail
+    assert execution.tilt_deg == pytest.approx(90.0, abs=5.0)
+
+
+def test_a_spoon_that_ends_turned_is_misplaced(spoon_scene):
+    running = run_until(spoon_scene, "settle")
+    spoon = spoon_scene.data.qpos[spoon_scene.pose_slice("spoon")]
+    spoon[3:] = [np.cos(np.radians(5.0)), 0.0, 0.0, np.sin(np.radians(5.0))]
+    execution = run_to_end(running)
+    assert execution.failure.fault == Fault.MISPLACED
+    assert "the spoon is turned by 10." in execution.failure.detail
+    assert execution.yaw_error_deg == pytest.approx(10.0, abs=0.1)
+
+
+def test_a_vase_that_ends_turned_is_well(vase_scene):
+    running = run_until(vase_scene, "settle")
+    vase = vase_scene.data.qpos[vase_scene.pose_slice("vase")]
+    vase[3:] = [np.cos(1.0), 0.0, 0.0, np.sin(1.0)]
+    execution = run_to_end(running)
+    assert execution.success, execution.failure
+    assert execution.yaw_error_deg == 0.0
+
+
+def test_a_spoon_that_ends_beside_the_bowl_is_not_in_it(spoon_scene):
+    running = run_until(spoon_scene, "settle", spoon_scene.position("bowl")[:2])
+    spoon = spoon_scene.data.qpos[spoon_scene.pose_slice("spoon")]
+    spoon[:] = [*FREE, 0.002, 1.0, 0.0, 0.0, 0.0]
+    execution = run_to_end(running)
+    assert not is_inside(spoon_scene, "bowl")
+    assert execution.failure.fault == Fault.MISPLACED
+    assert "the spoon is not in the bowl" in execution.failure.detail
+
+
+def test_a_spoon_above_the_rim_is_not_in_the_bowl(spoon_scene):
+    spoon = spoon_scene.data.qpos[spoon_scene.pose_slice("spoon")]
+    spoon[:3] = spoon_scene.position("bowl") + [0.0, 0.0, PROPS["bowl"].height]
+    mujoco.mj_kinematics(spoon_scene.model, spoon_scene.data)
+    assert not is_inside(spoon_scene, "bowl")
+    spoon[2] -= 0.03
+    mujoco.mj_kinematics(spoon_scene.model, spoon_scene.data)
+    assert is_inside(spoon_scene, "bowl")
 
 
 def test_a_hold_that_cannot_be_made_good_is_reported(vase_scene):

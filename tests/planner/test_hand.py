@@ -1,12 +1,14 @@
 import numpy as np
 import pytest
 
-from tablesetting.planner.goal import find_goals
-from tablesetting.planner.grasp import GRASPS, ToolPose
-from tablesetting.planner.grip import best_grips
+from tablesetting.planner.grasp import ToolPose
 from tablesetting.planner.hand import clearances
-from tablesetting.planner.pick_place import transfer_heights
-from tablesetting.scene.jaw import FINGER_DEPTH, FINGER_HALF_WIDTH, PALM_HEIGHT
+from tablesetting.scene.jaw import (
+    FINGER_DEPTH,
+    FINGER_HALF_WIDTH,
+    PALM_HEIGHT,
+    WRIST_OFFSET,
+)
 from tablesetting.scene.perception import Camera
 from tablesetting.scene.props import PROPS
 
@@ -26,9 +28,7 @@ def room(seen, offset, height, yaw=0.0, name="glass"):
 def test_fingers_that_open_towards_a_neighbour_have_less_room(seen):
     radius, away = PROPS["glass"].radius, 0.15
     across = room(seen, [0.0, away], 0.05)
-    assert across == pytest.approx(
-        np.hypot(away - OPENING - FINGER_DEPTH, 0.0) - radius
-    )
+    assert across == pytest.approx(away - OPENING - FINGER_DEPTH - radius)
     along = room(seen, [-away, 0.0], 0.05)
     assert along == pytest.approx(np.hypot(away - FINGER_HALF_WIDTH, OPENING) - radius)
 
@@ -44,8 +44,9 @@ def test_the_palm_counts_where_only_it_is_low_enough(seen):
     assert room(seen, [0.0, far], 0.05, name="plate") == np.inf
     palm_alone = PROPS["glass"].height - PALM_HEIGHT - 0.001
     near = room(seen, [0.15, 0.0], palm_alone)
-    behind = 0.15 - 0.05 - 0.02 - PROPS["glass"].radius
+    behind = 0.15 - WRIST_OFFSET - 0.02 - PROPS["glass"].radius
     assert near == pytest.approx(behind)
+    assert room(seen, [0.15, 0.0], palm_alone + 0.002) > near
 
 
 def test_many_poses_are_judged_as_one_by_one(seen):
@@ -55,30 +56,23 @@ def test_many_poses_are_judged_as_one_by_one(seen):
     np.testing.assert_array_equal(together, alone)
 
 
-def grips_of(scene, seen, target, yaw=None):
-    goals = find_goals(scene, seen, np.asarray(target), yaw)
-    heights = transfer_heights(scene, GRASPS[scene.item][0])
-    return best_grips(scene, seen, goals, heights)
+def test_the_nearest_neighbour_is_the_one_that_counts(seen):
+    position = np.array([*(seen.position("glass")[:2] + [0.15, 0.0]), 0.05])
+    tools = [ToolPose(position, 0.0)]
+    names = ["glass", "cup", "bowl", "plate"]
+    together = clearances(tools, OPENING, seen, names)
+    each = [clearances(tools, OPENING, seen, [name]) for name in names]
+    np.testing.assert_array_equal(together, np.min(each, axis=0))
+    backwards = clearances(tools, OPENING, seen, names[::-1])
+    np.testing.assert_array_equal(together, backwards)
+    assert clearances(tools, OPENING, seen, []) == np.inf
 
 
-def test_the_best_grip_comes_first_and_each_way_once(vase_scene, seen):
-    grips = grips_of(vase_scene, seen, (0.02, -0.05))
-    scores = [grip.score for grip in grips]
-    assert scores == sorted(scores, reverse=True)
-    assert len({grip.place.yaw for grip in grips}) == len(grips) == 24
-
-
-def test_a_spoon_beside_a_glass_is_held_on_the_free_half(spoon_scene):
+def test_a_turned_neighbour_is_met_where_its_ends_are(spoon_scene):
     seen = Camera(spoon_scene).look()
-    target = np.array([0.02, 0.0])
-    for end in (-1.0, 1.0):
-        # The handle's outer half, or its inner one.
-        seen.poses["glass"][:2] = target + [0.058, -0.02 + 0.06 * end]
-        best = grips_of(spoon_scene, seen, target, 0.0)[0]
-        offsets = best.place.position[:2] - seen.position("glass")[:2]
-        others = [
-            grip.place.position[:2] - seen.position("glass")[:2]
-            for grip in grips_of(spoon_scene, seen, target, 0.0)
-        ]
-        distances = np.linalg.norm(others, axis=1)
-        assert np.linalg.norm(offsets) > np.median(distances)
+    position = np.array([*(seen.position("knife")[:2] + [0.14, 0.0]), 0.0185])
+    tools = [ToolPose(position, 0.0)]
+    beside = clearances(tools, OPENING, seen, ["knife"])[0]
+    seen.poses["knife"][3:] = [np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]
+    before = clearances(tools, OPENING, seen, ["knife"])[0]
+    assert before < beside - 0.05

@@ -4,7 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tablesetting.planner.receptacle import RECEPTACLES
+from tablesetting.reward.tasks import RECEPTACLE_RADIUS, TASKS
 from tablesetting.scene.props import PROPS
+from tablesetting.scene.table import TableFrame
 
 BOWL = RECEPTACLES["spoon", "bowl"]
 angles = st.floats(-np.pi, np.pi)
@@ -30,3 +32,12 @@ def test_the_spoon_is_let_go_ahead_of_where_it_comes_to_rest():
     center = PROPS["spoon"].center_of_mass[1]
     np.testing.assert_allclose(release[:2], [0.1 - (0.0055 - center), 0.2])
     assert release[2] == pytest.approx(PROPS["bowl"].height + 0.008)
+
+
+def test_the_learner_knows_of_the_same_receptacles():
+    """The layers below know no simulator, and say it in table units."""
+    known = {(task.item, name) for task in TASKS.values() for name in task.receptacles}
+    assert known == set(RECEPTACLES)
+    width = TableFrame().size[0]
+    for receptacle in RECEPTACLES.values():
+        assert receptacle.radius == pytest.approx(RECEPTACLE_RADIUS * width)

@@ -1,7 +1,9 @@
+import mujoco
 import numpy as np
 import pytest
 
 from tablesetting.planner.watchdog import Fault, Watchdog, held
+from tablesetting.scene.props import PROPS
 from tablesetting.scene.robot import HOME
 
 
@@ -35,6 +37,27 @@ def test_a_table_at_rest_is_well(vase_scene):
 def test_a_joint_far_behind_its_command_is_held_up(vase_scene):
     failure = Watchdog(vase_scene).check(np.array(HOME) + [0.0, 0.3, 0, 0, 0, 0])
     assert failure.fault == Fault.HELD_UP
+
+
+def test_a_small_lag_is_no_matter(vase_scene):
+    commanded = np.array(HOME) + [0.0, 0.15, 0.0, 0.0, 0.0, 0.0]
+    assert Watchdog(vase_scene).check(commanded) is None
+
+
+@pytest.mark.parametrize("state", ["qpos", "qvel"])
+def test_a_state_that_is_no_number_has_diverged(vase_scene, state):
+    watchdog = Watchdog(vase_scene)
+    getattr(vase_scene.data, state)[vase_scene.robot.arm_dofs[2]] = np.nan
+    vase_scene.step()
+    assert watchdog.check(np.array(HOME)).fault == Fault.DIVERGED
+
+
+def test_a_reset_forgets_a_divergence(vase_scene):
+    layout = [vase_scene.position(name)[:2] for name in vase_scene.objects]
+    vase_scene.data.qvel[0] = np.nan
+    vase_scene.step()
+    vase_scene.reset(vase_scene.frame.from_world(np.array(layout)))
+    assert check(Watchdog(vase_scene), vase_scene) is None
 
 
 @pytest.mark.parametrize("joint", range(6))
@@ -82,6 +105,28 @@ def test_what_arm_or_item_touch_is_remembered(vase_scene):
     touch(vase_scene, geom_of(vase_scene, "vase"), geom_of(vase_scene, "glass"))
     assert check(watchdog, vase_scene) is None
     assert watchdog.touched == {"cup", "glass"}
+
+
+def test_an_item_that_stands_in_a_bystander_touches_it(vase_scene):
+    watchdog = Watchdog(vase_scene)
+    vase = vase_scene.data.qpos[vase_scene.pose_slice("vase")]
+    beside = PROPS["vase"].radius + PROPS["cup"].radius
+    vase[:2] = vase_scene.position("cup")[:2] + [beside + 0.001, 0.0]
+    mujoco.mj_forward(vase_scene.model, vase_scene.data)
+    check(watchdog, vase_scene)
+    assert watchdog.touched == set()
+    vase[0] -= 0.004
+    mujoco.mj_forward(vase_scene.model, vase_scene.data)
+    check(watchdog, vase_scene)
+    assert watchdog.touched == {"cup"}
+
+
+def test_the_most_that_was_seen_is_remembered(vase_scene):
+    watchdog, dof = Watchdog(vase_scene), vase_scene.robot.arm_dofs[0]
+    for share in (0.2, 0.6, 0.3):
+        vase_scene.data.qvel[dof] = share * vase_scene.servos.speed_limits[0]
+        assert check(watchdog, vase_scene) is None
+    assert watchdog.effort.speed == pytest.approx(0.6)
 
 
 def test_things_that_are_near_do_not_touch(vase_scene):

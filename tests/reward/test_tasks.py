@@ -17,6 +17,11 @@ from tablesetting.reward.tasks import FOOTPRINTS, SPOON, TASKS, VASE
         ),
         ({"objects": ("plate", "bowl")}, "has 2 objects but 4 object weights"),
         ({"table_weights": (0.0,) * 8}, "has 8 table weights; give 9"),
+        (
+            {"receptacles": ("bowl", "fork")},
+            "task 'vase' has the receptacle 'fork', which is not among its objects; "
+            "take from plate, bowl, glass, cup",
+        ),
     ],
 )
 def test_a_task_that_does_not_fit_together_is_refused(change, message):
@@ -40,6 +45,10 @@ def test_truth_and_first_layout_are_those_of_the_paper():
     assert SPOON.objects[0] == "bowl"
     assert VASE.first_layout == ((0.25, 0.75), (0.75, 0.75), (0.25, 0.25), (0.75, 0.25))
     assert SPOON.first_layout is None
+
+
+def test_only_the_spoon_is_put_into_something():
+    assert (VASE.receptacles, SPOON.receptacles) == ((), ("bowl",))
 
 
 def test_first_layout_of_the_vase_can_be_set_up_with_things_of_true_size():
