@@ -2,6 +2,7 @@
 
 import re
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, cast, get_args
@@ -67,8 +68,7 @@ class TrialsConfig(ABC):
     column: ClassVar[str]
     """The column that names which of these a row is of."""
     texts: ClassVar[tuple[str, ...]] = ()
-    """Other columns that are no numbers; where one of them is filled, numbers may be
-    missing."""
+    """Other columns that are no numbers."""
 
     def __post_init__(self) -> None:
         refuse_below(
@@ -135,6 +135,10 @@ class TrialsConfig(ABC):
     def row_keys(self, task: TaskName) -> list[dict[str, str]]:
         """Return the cells by which each row of a whole trial is known, in order."""
         ...
+
+    def may_be_empty(self, column: str, row: Mapping[str, str]) -> bool:
+        """Tell whether a row may lack a number."""
+        return False
 
     @property
     def shard_of(self) -> tuple[int, int]:
@@ -338,6 +342,20 @@ class ExecutionStudyConfig(TrialsConfig):
     def compared(self) -> tuple[str, ...]:
         """The kinds of goals."""
         return self.goals
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for task in self.tasks:
+            if not self.goals_of(task):
+                raise ValueError(
+                    f"--goals must name one for the {task} as well, or --tasks leave it "
+                    f"out; got {' '.join(self.goals)}"
+                )
+
+    def may_be_empty(self, column: str, row: Mapping[str, str]) -> bool:
+        """Tell whether a row may lack a number: a refused one what was not measured."""
+        is_measured = column not in ("x", "y", "success", "moved")
+        return column == "yaw_deg" or bool(row["refusal"] and is_measured)
 
     def goals_of(self, task: TaskName) -> tuple[GoalName, ...]:
         """Return the kinds of goals that there are for the item of a task."""

@@ -175,12 +175,11 @@ def _is_complete(
 def _is_numeric(row: Row, config: TrialsConfig) -> bool:
     """Tell whether every cell but the names is a number; some may be infinite."""
     names = ("task", config.column, *config.texts)
-    may_be_empty = any(row.get(name) for name in config.texts)
     try:
         values = {
             column: float(cell)
             for column, cell in row.items()
-            if column not in names and not (may_be_empty and cell == "")
+            if column not in names and (cell or not config.may_be_empty(column, row))
         }
     except (TypeError, ValueError):  # Cells are missing, or there are too many.
         return False

@@ -9,9 +9,10 @@ import numpy as np
 from tablesetting.irl.arrays import Array
 from tablesetting.planner.goal import Goal, Refusal
 from tablesetting.planner.grasp import GRASPS, Hold
+from tablesetting.planner.load import Load
 from tablesetting.planner.pick_place import HOLDING, Plan, replan_placing
 from tablesetting.planner.receptacle import RECEPTACLES
-from tablesetting.planner.trajectory import CONTROL_PERIOD, Step
+from tablesetting.planner.trajectory import CONTROL_PERIOD, Step, brake
 from tablesetting.planner.watchdog import Effort, Failure, Fault, Watchdog
 from tablesetting.scene.perception import Camera
 from tablesetting.scene.props import PROPS
@@ -96,8 +97,6 @@ def execute(
     Raises:
         ValueError: If `frame_rate` is not positive.
     """
-    if not frame_rate > 0.0:
-        raise ValueError(f"`frame_rate` must be positive, in [Hz]; got {frame_rate}")
     before = {name: scene.position(name) for name in scene.objects}
     driver = Driver(scene, frame_rate, plan.goal.receptacle)
     failure = yield from carry_out(driver, plan, camera or Camera(scene))
@@ -119,11 +118,20 @@ class Driver:
     Attributes:
         scene: What is driven.
         watchdog: What was seen on the way.
-        carried: What was done while the item was in the air, to go back by.
+        carried: What was done while the item was in the air, to go back by; the arm may
+            still move, if the last of it was broken off.
     """
 
     def __init__(self, scene: Scene, frame_rate: float, receptacle: str | None) -> None:
-        """Take hold of a scene."""
+        """Take hold of a scene.
+
+        Raises:
+            ValueError: If `frame_rate` is not positive.
+        """
+        if not frame_rate > 0.0:
+            raise ValueError(
+                f"`frame_rate` must be positive, in [Hz]; got {frame_rate}"
+            )
         self.scene = scene
         self.watchdog = Watchdog(scene, receptacle)
         self.carried: list[Step] = []
@@ -131,6 +139,7 @@ class Driver:
         self._next_frame = scene.data.time + self._frame_period
         self._num_substeps = round(CONTROL_PERIOD / scene.model.opt.timestep)
         self._grip_offset: Array | None = None
+        self._broken_off: tuple[Step, int] | None = None
 
     def drive(self, steps: Iterable[Step]) -> Generator[Snapshot, None, Failure | None]:
         """Do some steps; return what went wrong, if anything."""
@@ -139,6 +148,25 @@ class Driver:
             if failure is not None:
                 return replace(failure, detail=f"{step.phase}: {failure.detail}")
         return None
+
+    def stop(
+        self, load: Load, opening: float
+    ) -> Generator[Snapshot, None, Failure | None]:
+        """Come to rest after the item was lost.
+
+        Args:
+            load: What the arm carries.
+            opening: Travel of each finger meanwhile, in [m].
+
+        Returns:
+            What went wrong, if anything.
+        """
+        if self._broken_off is None:
+            return None
+        step = replace(brake(*self._broken_off, load), opening=opening)
+        self._broken_off = None
+        self.carried.append(step)
+        return (yield from self.drive([step]))
 
     def _drive_step(self, step: Step) -> Generator[Snapshot, None, Failure | None]:
         data, scene = self.scene.data, self.scene
@@ -172,6 +200,7 @@ class Driver:
         slip = float(np.linalg.norm(self._item_in_tool() - self._grip_offset))
         if slip <= _MAX_SLIP:
             return None
+        self._broken_off = step, tick
         self.carried.append(_part(step, tick + 1))
         self._grip_offset = None
         item = self.scene.item

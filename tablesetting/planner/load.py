@@ -35,16 +35,24 @@ class Load:
         self._model, self._data = _free_robot(servos)
         self._robot = RobotIndex.of(self._model)
 
-    def torques(self, positions: Array, velocities: Array, period: float) -> Array:
+    def torques(
+        self,
+        positions: Array,
+        velocities: Array,
+        period: float,
+        before: Array | None = None,
+    ) -> Array:
         """Torque of every joint along a motion, shape (T, 6), in [Nm].
 
         Args:
             positions: Arm joints, shape (T, 6), in [rad].
             velocities: Their rates, shape (T, 6), in [rad/s].
             period: Between two rows, in [s].
+            before: Rates before the first row, shape (6,); at rest if None.
         """
         num_ticks = len(positions)
-        padded = np.vstack([0.0 * velocities[:1], velocities])
+        first = np.zeros(positions.shape[1]) if before is None else before
+        padded = np.vstack([first, velocities])
         accelerations = np.diff(padded, axis=0) / period
         ticks = np.unique([*range(0, num_ticks, _STRIDE), num_ticks - 1])
         known = np.array(
@@ -68,21 +76,24 @@ class Load:
     def slowdown(self, positions: Array, torques: Array) -> float:
         """How much slower a motion must be for its torques to suffice.
 
-        What is not weight falls with the square of the duration.
+        What is not weight or dry friction falls with the square of the duration.
 
         Raises:
-            Overload: If the weight alone is too much.
+            Overload: If weight and friction alone are too much.
         """
         weights = np.array([self.weight(q) for q in positions[::_STRIDE]])
-        spare = self._allowed - np.abs(weights)
+        friction = np.repeat(self.servos.frictions, 3)
+        always = np.abs(weights) + friction
+        spare = self._allowed - always
         if spare.min() <= 0.0:
             joint = int(spare.min(axis=0).argmin())
             raise Overload(
-                f"joint {joint + 1} would have to hold {np.abs(weights[:, joint]).max():.1f}"
-                f" Nm; it is planned with {self._allowed[joint]:.1f} Nm at most"
+                f"joint {joint + 1} would have to bear {always[:, joint].max():.1f} Nm "
+                f"of weight and friction; it is planned with {self._allowed[joint]:.1f} "
+                "Nm at most"
             )
-        moving = np.abs(torques[::_STRIDE] - weights)
-        return max(1.05, float(np.sqrt(np.max(moving / spare))))
+        moving = np.abs(torques[::_STRIDE] - weights) - friction
+        return max(1.05, float(np.sqrt(max(0.0, np.max(moving / spare)))))
 
     @property
     def _allowed(self) -> Array:

@@ -252,7 +252,7 @@ def _is_within_reach(scene: Scene, grip: Grip) -> bool:
     path = Path(np.array(HOME), home_pose(), 0.0, Load(scene.servos))
     try:
         path.move("transfer", grip.place)
-    except Unreachable:
+    except (Unreachable, Overload):
         return False
     return True
 

@@ -16,9 +16,10 @@ from tablesetting.planner.grasp import GRASPS
 from tablesetting.planner.load import Load, Overload
 from tablesetting.planner.path import Path, Unreachable, home_pose, tool_pose_at
 from tablesetting.planner.pick_place import Plan, plan, transfer_heights
-from tablesetting.planner.trajectory import Step
+from tablesetting.planner.trajectory import reverse
 from tablesetting.planner.watchdog import Failure, Fault, held
 from tablesetting.scene.perception import Camera
+from tablesetting.scene.props import PROPS
 from tablesetting.scene.scene import Scene, Snapshot
 
 _OPENING_TIME: Final = 0.3  # [s]
@@ -58,16 +59,15 @@ def place(
         return found
     driver = Driver(scene, frame_rate, found.goal.receptacle)
     failure = yield from carry_out(driver, found, camera)
-    execution = score(driver, found.goal, before, failure)
     if failure is None or failure.fault is not Fault.LOST_GRIP:
-        return execution
-    failure = yield from _recover(driver, found)
-    if failure is not None:
-        return replace(execution, failure=failure)
+        return score(driver, found.goal, before, failure)
+    then = yield from _recover(driver, found)
+    if then is not None:
+        return score(driver, found.goal, before, then)
     again = plan(scene, target, yaw, camera.look())
     if isinstance(again, Refusal):
-        detail = f"{execution.failure}; then {again.reason}: {again.detail}"
-        return replace(execution, failure=Failure(Fault.LOST_GRIP, detail))
+        detail = f"{failure}; then {again.reason}: {again.detail}"
+        return score(driver, found.goal, before, Failure(Fault.LOST_GRIP, detail))
     failure = yield from carry_out(driver, again, camera)
     return replace(score(driver, again.goal, before, failure), num_tries=2)
 
@@ -75,33 +75,23 @@ def place(
 def _recover(driver: Driver, found: Plan) -> Generator[Snapshot, None, Failure | None]:
     """Put down or drop what is in the jaw, and go home."""
     scene = driver.scene
-    if held(scene).all():
-        failure = yield from driver.drive(_backwards(driver.carried))
-        if failure is not None:
-            return failure
+    laden = Load(scene.servos, PROPS[scene.item].mass)
+    wide = found.grasp.approach_opening
+    failure = yield from driver.stop(laden, 0.0 if held(scene).all() else wide)
+    if failure is None and held(scene).all():
+        back = [reverse(step, "go back", laden) for step in reversed(driver.carried)]
+        failure = yield from driver.drive(back)
+    if failure is not None:
+        return failure
     driver.carried.clear()
     configuration = scene.data.qpos[scene.robot.arm_qpos].copy()
     path = Path(configuration, tool_pose_at(configuration), 0.0, Load(scene.servos))
     high = max(transfer_heights(scene, GRASPS[scene.item][0]))
     try:
-        path.grip("let go", found.grasp.approach_opening, _OPENING_TIME)
+        path.grip("let go", wide, _OPENING_TIME)
         path.move("back off", path.pose.raised_to(max(high, path.pose.position[2])))
         path.move("home", home_pose())
     except (Unreachable, Overload) as error:
         return Failure(Fault.HELD_UP, f"after losing the {scene.item}, {error}")
     path.wait("settle", _SETTLING_TIME)
     return (yield from driver.drive(path.steps))
-
-
-def _backwards(carried: list[Step]) -> list[Step]:
-    """The way back to where the item was lifted."""
-    return [
-        replace(
-            step,
-            phase="go back",
-            positions=step.positions[::-1],
-            velocities=-step.velocities[::-1],
-            torques=step.torques[::-1],
-        )
-        for step in reversed(carried)
-    ]

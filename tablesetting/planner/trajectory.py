@@ -12,6 +12,7 @@ CONTROL_PERIOD: Final = 0.008
 """Time between two commands to the servos, in [s]."""
 
 _SPEED_SHARE: Final = 0.9  # Of the limit; the servos need the rest to make up for lags.
+_BRAKE_SHARE: Final = 0.5  # Of the acceleration; the path may bend as well.
 _SAMPLES_PER_WAYPOINT: Final = 32  # To find the extremes of a path.
 
 
@@ -75,6 +76,45 @@ def wait(
     positions = np.tile(configuration, (num_ticks, 1))
     torques = np.tile(load.weight(configuration), (num_ticks, 1))
     return Step(phase, positions, np.zeros_like(positions), torques, opening)
+
+
+def brake(step: Step, tick: int, load: Load) -> Step:
+    """Come to rest along a step that is broken off.
+
+    Args:
+        step: The step.
+        tick: The last of its commands that was carried out.
+        load: What the servos can do, and what they carry.
+
+    Returns:
+        The commands after that, further along the path, slower and slower.
+    """
+    speeds = np.abs(step.velocities[tick]) / load.servos.acceleration_limits
+    duration = speeds.max() / _BRAKE_SHARE
+    num_ticks = max(1, int(np.ceil(duration / CONTROL_PERIOD)))
+    rates = 1.0 - np.arange(num_ticks + 1) / num_ticks
+    ahead = tick + np.cumsum(0.5 * (rates[1:] + rates[:-1]))
+    every = np.arange(len(step.positions))
+    positions, velocities = (
+        np.stack([np.interp(ahead, every, column) for column in commands.T], axis=1)
+        for commands in (step.positions, step.velocities)
+    )
+    velocities *= rates[1:, None]
+    torques = load.torques(positions, velocities, CONTROL_PERIOD, step.velocities[tick])
+    return Step("brake", positions, velocities, torques, step.opening)
+
+
+def reverse(step: Step, phase: str, load: Load) -> Step:
+    """Go a step back, as fast as it was gone forth.
+
+    Args:
+        step: Ends at rest, or is followed by what begins with its last velocity.
+        phase: Name of the new step.
+        load: What the servos can do, and what they carry.
+    """
+    positions, velocities = step.positions[::-1], -step.velocities[::-1]
+    torques = load.torques(positions, velocities, CONTROL_PERIOD, velocities[0])
+    return Step(phase, positions, velocities, torques, step.opening)
 
 
 def _shortest_duration(waypoints: Array, load: Load) -> float:

@@ -13,6 +13,7 @@ from tablesetting.scene.scene import Scene, geom_owners
 _MAX_LAG: Final = 0.2  # Of a joint behind its command, in [rad].
 _POSITION_TOL: Final = 2e-3  # Beyond the range of a joint, in [rad].
 _TORQUE_TOL: Final = 1e-6  # As a share of the limit; servos are clipped there.
+_MAX_STRAIN: Final = 12  # Checks in a row with a torque at its limit: 0.1 s.
 _TOUCH: Final = 0.0  # Things that are this far apart do not touch, in [m].
 _DIVERGENCE: Final = [
     int(mujoco.mjtWarning.mjWARN_BADQPOS),
@@ -31,7 +32,7 @@ class Fault(StrEnum):
     TABLE_TOUCHED = "table touched"
     """The arm touched the table."""
     LIMIT = "limit"
-    """A joint went beyond its range, speed or torque."""
+    """A joint went beyond its range or speed, or stayed at its largest torque."""
     LOST_GRIP = "lost grip"
     """The item slipped or fell out of the jaw."""
     NO_CORRECTION = "no correction"
@@ -97,6 +98,7 @@ class Watchdog:
         self._high = np.where(limited, ranges[:, 1], np.inf)
         self._speed_limits = scene.servos.speed_limits
         self._torque_limits = scene.servos.torque_limits
+        self._strain = 0
 
     def check(self, commanded: Array) -> Failure | None:
         """Look at the state; `commanded` is where the joints should be, shape (6,)."""
@@ -141,14 +143,15 @@ class Watchdog:
         effort.speed = max(effort.speed, float(speeds.max()))
         effort.torque = max(effort.torque, float(torques.max()))
         effort.overrun = max(effort.overrun, float(overruns.max()))
-        for most, shares, limit, what in (
-            (effort.speed, speeds, 1.0, "speed"),
-            (effort.torque, torques, 1.0 - _TORQUE_TOL, "torque"),
-            (effort.overrun, overruns, _POSITION_TOL, "range"),
+        is_strained = torques.max() > 1.0 - _TORQUE_TOL
+        self._strain = self._strain + 1 if is_strained else 0
+        for is_too_much, shares, what in (
+            (effort.speed > 1.0, speeds, "is beyond its speed"),
+            (effort.overrun > _POSITION_TOL, overruns, "is beyond its range"),
+            (self._strain > _MAX_STRAIN, torques, "stays at its largest torque"),
         ):
-            if most > limit:
-                joint = int(shares.argmax()) + 1
-                return Failure(Fault.LIMIT, f"joint {joint} is beyond its {what}")
+            if is_too_much:
+                return Failure(Fault.LIMIT, f"joint {int(shares.argmax()) + 1} {what}")
         return None
 
 

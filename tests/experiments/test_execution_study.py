@@ -239,6 +239,20 @@ def test_a_cut_table_is_made_whole_on_resume(whole, tmp_path, num_letters):
     assert content_of(folder, "summary.json") == content_of(whole, "summary.json")
 
 
+@pytest.mark.parametrize("column", ["error_mm", "success", "x", "torque_share"])
+def test_a_row_that_lacks_a_number_is_done_again(whole, tmp_path, column):
+    folder = tmp_path / "study"
+    shutil.copytree(whole, folder)
+    table = folder / "rounds.csv"
+    text = table.read_text()
+    header, first, *others = text.splitlines(keepends=True)
+    cells = first.split(",")
+    cells[header.split(",").index(column)] = ""
+    table.write_text("".join([header, ",".join(cells), *others]))
+    assert study(folder, *OPTIONS, "--resume") == 0
+    assert table.read_text() == text
+
+
 def test_an_earlier_study_stays_unless_told(whole, capsys):
     before = (whole / "rounds.csv").read_text()
     assert study(whole, *OPTIONS) == 2
@@ -279,6 +293,7 @@ def test_shards_make_the_whole(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        (("--goals", "bowl"), "--goals must name one for the vase as well"),
         (("--goals",), "--goals must name one at least, and each once; got none"),
         (("--goals", "table", "table"), "each once"),
         (("--item-noise-mm", "-1"), "--item-noise-mm must be in [0, 100]"),

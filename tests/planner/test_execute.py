@@ -182,7 +182,7 @@ def test_an_arm_that_is_blocked_stops(vase_scene):
         execution = run_to_end(running)
     finally:
         vase_scene.model.dof_damping[dof] -= 1e4
-    detail = "transfer: joint 1 is beyond its torque"
+    detail = "transfer: joint 1 stays at its largest torque"
     assert execution.failure == Failure(Fault.LIMIT, detail)
 
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from tablesetting.planner.load import Load, Overload
+from tablesetting.planner.trajectory import move_through
 from tablesetting.scene.robot import HOME, RobotIndex, robot_model
 from tablesetting.scene.servos import REAL, STIFF
 
@@ -106,8 +107,16 @@ def test_a_weight_that_is_too_much_is_no_matter_of_speed():
     load, still = Load(weak), np.tile(POSTURE, (5, 1))
     torques = load.torques(still, 0.0 * still, 0.008)
     assert load.excess(torques) > 1.0
-    with pytest.raises(Overload, match=r"joint \d would have to hold .* at most"):
+    with pytest.raises(Overload, match=r"joint \d would have to bear .* at most"):
         load.slowdown(still, torques)
+
+
+def test_dry_friction_does_not_fall_with_the_speed():
+    """Weight alone would leave a little to move by; with friction nothing is left."""
+    shoulder = np.abs(Load(REAL).weight(POSTURE))[:3].max()
+    weak = replace(REAL, max_torques=((shoulder + 1.0) / 0.9, 6.8))
+    with pytest.raises(Overload, match="of weight and friction"):
+        move_through("lift", np.array([POSTURE, POSTURE + 0.1]), 0.0, Load(weak))
 
 
 def test_stops_of_the_joints_bear_no_load():

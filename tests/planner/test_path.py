@@ -77,5 +77,5 @@ def test_a_place_out_of_reach_is_named_with_the_phase(path):
 
 def test_a_load_that_is_too_heavy_is_not_moved(path):
     path.load = Load(STIFF, mass=100.0)
-    with pytest.raises(Overload, match="joint 2 would have to hold"):
+    with pytest.raises(Overload, match="joint 2 would have to bear"):
         path.move("lift", GOAL)

@@ -124,7 +124,7 @@ def test_what_goes_wrong_on_the_way_back_ends_it(vase_scene):
     finally:
         vase_scene.model.dof_damping[dof] -= 1e4
     assert outcome.failure.fault == Fault.LIMIT
-    assert outcome.failure.detail == "home: joint 1 is beyond its torque"
+    assert outcome.failure.detail == "home: joint 1 stays at its largest torque"
     assert outcome.num_tries == 1
 
 
@@ -224,3 +224,32 @@ print(scene.data.qpos.tobytes().hex())
     ]
     assert len(ends[0]) > 100
     assert ends[0] == ends[1]
+
+
+@pytest.mark.parametrize("disturb", [slip, drop])
+@pytest.mark.parametrize("name", ["vase_scene", "other_scene"])
+def test_an_arm_at_full_speed_brakes_before_it_recovers(request, name, disturb):
+    scene = request.getfixturevalue(name)
+    running, phases = place(scene, FREE), []
+    while phases.count("transfer") < 12:
+        phases.append(next(running).phase)
+    speeds = np.abs(scene.data.qvel[scene.robot.arm_dofs]) / scene.servos.speed_limits
+    assert speeds.max() > 0.2
+    disturb(scene)
+    while True:
+        try:
+            phases.append(next(running).phase)
+        except StopIteration as stop:
+            outcome = stop.value
+            break
+    assert "brake" in phases
+    assert outcome.effort.speed <= 1.0
+    assert outcome.success, outcome.failure
+    assert outcome.num_tries == 2
+    assert outcome.duration == scene.data.time
+    np.testing.assert_array_equal(outcome.settled, scene.position("vase")[:2])
+
+
+def test_a_frame_rate_is_positive(vase_scene):
+    with pytest.raises(ValueError, match=r"positive, in \[Hz\]; got 0"):
+        next(place(vase_scene, FREE, frame_rate=0.0))

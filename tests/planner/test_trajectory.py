@@ -1,13 +1,20 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tablesetting.planner.load import Load
-from tablesetting.planner.trajectory import CONTROL_PERIOD, move_through, wait
+from tablesetting.planner.trajectory import (
+    CONTROL_PERIOD,
+    brake,
+    move_through,
+    reverse,
+    wait,
+)
 from tablesetting.scene.robot import HOME
-from tablesetting.scene.servos import STIFF
+from tablesetting.scene.servos import REAL, STIFF
 
 LOAD = Load(STIFF)
 
@@ -87,3 +94,36 @@ def test_a_weak_arm_takes_its_time():
     shares = np.abs(slow.torques) / (0.9 * weak.torque_limits)
     assert 0.8 < shares.max() <= 1.0
     np.testing.assert_allclose(slow.positions[-1], there, atol=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 1.0])
+def test_a_step_that_is_broken_off_comes_to_rest_along_its_path(share):
+    there = np.array(HOME) + [0.5, 0.3, 0.3, 0.2, -0.2, 0.4]
+    step = move_through("lift", np.array([HOME, there]), 0.01, LOAD)
+    tick = int(share * (len(step.positions) - 1))
+    stop = brake(step, tick, LOAD)
+    assert not stop.velocities[-1].any()
+    path = np.vstack([step.positions[tick], stop.positions])
+    rates = np.vstack([step.velocities[tick], stop.velocities])
+    travelled = 0.5 * CONTROL_PERIOD * (rates[1:] + rates[:-1])
+    np.testing.assert_allclose(np.diff(path, axis=0), travelled, atol=5e-4)
+    assert np.abs(np.diff(rates, axis=0)).max() / CONTROL_PERIOD <= 1.2 * 8.0
+    along = (path - HOME) @ (there - HOME) / np.square(there - HOME).sum()
+    straight = np.array(HOME) + np.outer(along, there - HOME)
+    np.testing.assert_allclose(path, straight, atol=1e-9)
+    assert (np.diff(along) >= 0.0).all()
+    assert along[-1] <= 1.0
+
+
+def test_a_step_is_gone_back_as_it_was_gone_forth():
+    there = np.array(HOME) + [0.5, 0.3, 0.3, 0.2, -0.2, 0.4]
+    step = move_through("lift", np.array([HOME, there]), 0.01, Load(REAL, 0.3))
+    back = reverse(step, "go back", Load(REAL, 0.3))
+    np.testing.assert_array_equal(back.positions, step.positions[::-1])
+    np.testing.assert_array_equal(back.velocities, -step.velocities[::-1])
+    assert (np.abs(back.torques) <= REAL.torque_limits).all()
+    middle = len(step.positions) // 2
+    friction = 0.5 * (step.torques[middle] - back.torques[-middle - 1])
+    moving = np.abs(step.velocities[middle]) > 0.01
+    expected = np.repeat(REAL.frictions, 3) * np.sign(step.velocities[middle])
+    np.testing.assert_allclose(friction[moving], expected[moving], rtol=0.1)

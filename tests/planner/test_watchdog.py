@@ -74,11 +74,20 @@ def test_a_joint_that_is_too_fast_is_beyond_its_limit(vase_scene, joint):
     assert failure.detail == f"joint {joint + 1} is beyond its speed"
 
 
-def test_a_servo_at_its_most_is_beyond_its_limit(vase_scene):
-    servo = vase_scene.robot.arm_ctrl[1]
-    vase_scene.data.actuator_force[servo] = -vase_scene.servos.torque_limits[1]
-    failure = check(Watchdog(vase_scene), vase_scene)
-    assert failure.detail == "joint 2 is beyond its torque"
+def test_a_servo_may_be_at_its_most_for_a_moment(vase_scene):
+    """As when the jaw closes on something that is not quite where it was seen."""
+    servo, watchdog = vase_scene.robot.arm_ctrl[1], Watchdog(vase_scene)
+    force, most = vase_scene.data.actuator_force, vase_scene.servos.torque_limits[1]
+    force[servo] = -most
+    assert not any(check(watchdog, vase_scene) for _ in range(12))
+    force[servo] = 0.9 * most
+    assert check(watchdog, vase_scene) is None
+    force[servo] = most
+    assert not any(check(watchdog, vase_scene) for _ in range(12))
+    failure = check(watchdog, vase_scene)
+    assert failure.fault == Fault.LIMIT
+    assert failure.detail == "joint 2 stays at its largest torque"
+    assert watchdog.effort.torque == 1.0
 
 
 @pytest.mark.parametrize(("side", "sign"), [(0, -1), (1, 1)])
