@@ -80,8 +80,10 @@ def _print_executions(rows: Sequence[Mapping[str, str]]) -> None:
         *("execution_error_mm", "tilt_deg", "bystander_shift_mm"),
         *("detour", "outcome_error"),
     ):
-        if made:
-            quantiles = np.quantile(numbers(made, column), (0.5, 0.95, 1.0))
+        # In a receptacle, a tilt is no error and is not given.
+        values = [value for value in numbers(made, column) if np.isfinite(value)]
+        if values:
+            quantiles = np.quantile(values, (0.5, 0.95, 1.0))
             median, high, largest = (f"{value:.3f}" for value in quantiles)
             print(f"  {column:<24}median {median}, 95 % {high}, largest {largest}")
     for row in rows:

