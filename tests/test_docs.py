@@ -31,6 +31,15 @@ def test_the_layout_file_of_the_docs_can_be_read(tmp_path):
     LayoutSpace.of_task(VASE, are_points=False).check(layouts[0])
 
 
+def test_the_environments_of_the_docs_can_be_made():
+    pytest.importorskip("gymnasium")
+    text = (ROOT / "docs" / "arm.md").read_text()
+    snippets = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
+    assert len(snippets) == 2
+    for snippet in snippets:
+        exec(snippet, {})
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
 def test_every_relative_link_leads_somewhere(page):
     links = re.findall(r"\]\(([^)#]+)", page.read_text())
