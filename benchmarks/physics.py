@@ -188,9 +188,10 @@ def _run_episode(bench: _Bench, index: int) -> _Episode:
 
 
 def _record_episode(bench: _Bench, recorder: RunRecorder, index: int) -> None:
-    placement = bench.arm.scene.frame.from_world(bench.requests[index].target)
-    rng = np.random.default_rng(index)
-    bench.arm.place(bench.layouts[index], placement, recorder.record, rng=rng)
+    request = bench.lay(index)
+    running = place(bench.arm.scene, request.target, request.yaw)
+    outcome = run_to_end(recorder.record(running))
+    assert isinstance(outcome, Execution), f"layout {index}: {outcome}"
 
 
 def _percentile(name: str, seconds: list[float]) -> Quantity:
