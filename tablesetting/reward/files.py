@@ -1,21 +1,100 @@
 """Layouts, demonstrations and weights as JSON; see docs/conventions.md."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tablesetting.errors import InvalidFile
-from tablesetting.irl.arrays import Array
+from tablesetting.irl.arrays import Array, normalize_l1
 from tablesetting.results import read_json
+from tablesetting.reward.demonstration_table import read_table
 from tablesetting.reward.likelihood import Demonstration
-from tablesetting.reward.rbf import RbfWidths
-from tablesetting.reward.tasks import PlacementTask
+from tablesetting.reward.rbf import TABLE_CENTERS, RbfWidths
+from tablesetting.reward.tasks import TASKS, PlacementTask
 
 LAYOUTS_FORMAT = "tablesetting-layouts/1"
 DEMONSTRATIONS_FORMAT = "tablesetting-demonstrations/1"
 WEIGHTS_FORMAT = "tablesetting-weights/1"
+
+_MAX_NUMBER = 1e300  # A larger whole number could not even become a float.
+
+
+@dataclass(frozen=True)
+class LearnedReward:
+    """The reward of a file of weights.
+
+    Attributes:
+        task: What it is of.
+        weights: Weights of unit L1 norm, in the order of the task's objects, then the
+            table's, shape (K + 9,).
+        widths: Widths of the RBFs.
+    """
+
+    task: PlacementTask
+    weights: Array
+    widths: RbfWidths
+
+
+def read_weights(path: Path) -> LearnedReward:
+    """Read a learned reward.
+
+    Args:
+        path: A file of the format "tablesetting-weights/1".
+
+    Raises:
+        InvalidFile: If the file is unreadable, of an unknown task or of other objects,
+            or holds what is no number, no width or no preference at all.
+    """
+    content = read_json(path, WEIGHTS_FORMAT)
+    task = _parse_task(content.get("task"), f"'{path}'")
+    objects = content.get("objects")
+    if not isinstance(objects, list) or not all(isinstance(o, str) for o in objects):
+        raise InvalidFile(f"'{path}': `objects` must be a list of names")
+    if sorted(objects) != sorted(task.objects):
+        raise InvalidFile(
+            f"'{path}': `objects` are {', '.join(objects):.80}; the task {task.name} has "
+            f"{', '.join(task.objects)}, once each"
+        )
+    of_objects = _parse_numbers(content, "object_weights", len(objects), path)
+    by_name = dict(zip(objects, of_objects, strict=True))
+    of_table = _parse_numbers(content, "table_weights", len(TABLE_CENTERS), path)
+    weights = np.array([*(by_name[name] for name in task.objects), *of_table])
+    if not weights.any():
+        raise InvalidFile(
+            f"'{path}': all weights are 0, which prefers nothing; give one that is not"
+        )
+    weights /= np.abs(weights).max()  # Else the norm of large ones would overflow.
+    return LearnedReward(task, normalize_l1(weights), _parse_widths(content, path))
+
+
+def read_demonstrations(path: Path) -> tuple[PlacementTask, list[Demonstration]]:
+    """Read demonstrations; objects may overlap in their layouts.
+
+    Args:
+        path: A file of the format "tablesetting-demonstrations/1"; or, with the suffix
+            ".csv", a table (see `reward.demonstration_table`).
+
+    Returns:
+        The task, and at least one demonstration.
+
+    Raises:
+        InvalidFile: If the file is unreadable, of an unknown task, or holds a layout or
+            placement that cannot be one.
+    """
+    is_table = path.suffix.lower() == ".csv"
+    content = read_table(path) if is_table else read_json(path, DEMONSTRATIONS_FORMAT)
+    task = _parse_task(content.get("task"), f"'{path}'")
+    found = content.get("demonstrations")
+    if not isinstance(found, list) or not found:
+        raise InvalidFile(f"'{path}': `demonstrations` must be a list of at least one")
+    demos = [
+        parse_demonstration(demo, task.objects, f"'{path}': demonstration {index}")
+        for index, demo in enumerate(found)
+    ]
+    return task, demos
 
 
 def read_layouts(path: Path, objects: Sequence[str]) -> Array:
@@ -79,6 +158,61 @@ def weights_to_json(
         "object_width": widths.object_width,
         "table_width": widths.table_width,
     }
+
+
+def parse_demonstration(demo: Any, objects: Sequence[str], where: str) -> Demonstration:
+    """Make a demonstration of {"layout": {name: [x, y], ...}, "placement": [x, y]}.
+
+    Args:
+        demo: What should be one.
+        objects: Names that the layout must place, in the order of its rows.
+        where: Where it stands, for the message.
+
+    Raises:
+        InvalidFile: If it is none.
+    """
+    if not isinstance(demo, Mapping) or set(demo) != {"layout", "placement"}:
+        raise InvalidFile(
+            f"{where} must have a `layout` and a `placement`, nothing else; got "
+            f"{demo!r:.60}"
+        )
+    layout = _parse_layout(demo["layout"], objects, f"{where}, layout")
+    placement = _parse_position(demo["placement"], f"{where}, placement")
+    return Demonstration(np.array(layout), np.array(placement))
+
+
+def _parse_task(name: Any, where: str) -> PlacementTask:
+    if not isinstance(name, str) or name not in TASKS:
+        raise InvalidFile(
+            f"{where} is of the task {name!r:.60}; known are {', '.join(TASKS)}"
+        )
+    return TASKS[name]
+
+
+def _parse_numbers(
+    content: Mapping[str, Any], field: str, num: int, path: Path
+) -> list[float]:
+    found = content.get(field)
+    if not isinstance(found, list) or len(found) != num:
+        raise InvalidFile(f"'{path}': `{field}` must be a list of {num} numbers")
+    return [_parse_number(value, f"'{path}': `{field}`") for value in found]
+
+
+def _parse_number(value: Any, where: str) -> float:
+    if type(value) in (int, float) and abs(value) <= _MAX_NUMBER:
+        return float(value)
+    raise InvalidFile(f"{where} holds {value!r:.60}; give a finite number")
+
+
+def _parse_widths(content: Mapping[str, Any], path: Path) -> RbfWidths:
+    names = ("object_width", "table_width")
+    object_width, table_width = (
+        _parse_number(content.get(name), f"'{path}': `{name}`") for name in names
+    )
+    try:
+        return RbfWidths(object_width, table_width)
+    except ValueError as error:
+        raise InvalidFile(f"'{path}': {error}") from error
 
 
 def _parse_layout(layout: Any, objects: Sequence[str], where: str) -> list[list[float]]:

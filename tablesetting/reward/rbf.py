@@ -12,7 +12,7 @@ TABLE_CENTERS: Array = np.array(
 """Centers of the nine RBFs that are fixed on the table, shape (9, 2): rows from y = 1
 to y = 0, x from 0 to 1 in each."""
 
-_MIN_WIDTH = 0.05  # [table units squared]
+_MIN_WIDTH, _MAX_WIDTH = 0.05, 100.0  # [table units squared]
 
 
 @dataclass(frozen=True)
@@ -26,10 +26,11 @@ class RbfWidths:
 
     def __post_init__(self) -> None:
         for name in ("object_width", "table_width"):
-            if not getattr(self, name) >= _MIN_WIDTH:
+            if not _MIN_WIDTH <= getattr(self, name) <= _MAX_WIDTH:
                 raise ValueError(
                     f"`{name}` must be at least {_MIN_WIDTH}, so that the grid that "
-                    f"placements start from sees every peak; got {getattr(self, name)}"
+                    "placements start from sees every peak, and at most "
+                    f"{_MAX_WIDTH:g}; got {getattr(self, name)}"
                 )
 
     def per_center(self, num_objects: int) -> Array:

@@ -9,11 +9,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tablesetting.errors import InvalidFile
+from tablesetting.reward.demonstration_table import columns_of
 from tablesetting.reward.files import (
     LAYOUTS_FORMAT,
     demonstrations_to_json,
     layout_to_json,
+    read_demonstrations,
     read_layouts,
+    read_weights,
     weights_to_json,
 )
 from tablesetting.reward.likelihood import Demonstration
@@ -182,3 +185,120 @@ def test_weights_are_written_apart_for_objects_and_table():
         "table_width": 0.4,
     }
     assert json.loads(json.dumps(content)) == content
+
+
+WEIGHTS = weights_to_json(VASE.true_weights, VASE, RbfWidths())
+DEMOS = demonstrations_to_json(
+    [Demonstration(np.full((4, 2), 0.5), np.array([0.25, 1.0]))] * 2, VASE
+)
+
+
+def changed(content, path, value):
+    """Change one value somewhere inside a file's content."""
+    content = json.loads(json.dumps(content))
+    inner = content
+    for key in path[:-1]:
+        inner = inner[key]
+    inner[path[-1]] = value
+    return content
+
+
+def test_weights_come_back_scaled_and_in_the_order_of_the_task(tmp_path):
+    found = read_weights(write(tmp_path / "weights.json", WEIGHTS))
+    assert (found.task, found.widths) == (VASE, RbfWidths())
+    np.testing.assert_allclose(found.weights, VASE.true_weights, atol=1e-15)
+    backwards = {
+        "objects": list(VASE.objects[::-1]),
+        "object_weights": [4e299, 3e299, 2e299, 1e299],
+        "table_weights": [0] * 9,
+    }
+    found = read_weights(write(tmp_path / "weights.json", WEIGHTS | backwards))
+    expected = [0.1, 0.2, 0.3, 0.4, *np.zeros(9)]
+    np.testing.assert_allclose(found.weights, expected, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "parts"),
+    [
+        (["format"], "tablesetting-weights/2", ["tablesetting-weights/2"]),
+        (["task"], "cup", ["'cup'", "vase"]),
+        (["task"], ["vase"], ["['vase']", "vase"]),
+        (["objects"], ["plate", "bowl", "glass", "fork"], ["fork", "cup"]),
+        (["objects"], "plate", ["`objects`"]),
+        (["object_weights"], [0.1] * 3, ["`object_weights`", "4 numbers"]),
+        (["object_weights", 1], math.nan, ["`object_weights`", "nan"]),
+        (["table_weights", 8], math.inf, ["`table_weights`", "inf"]),
+        (["table_weights", 8], True, ["`table_weights`", "True"]),
+        (["table_weights", 8], 10**400, ["`table_weights`", "finite"]),
+        (["object_width"], 0.0, ["`object_width`", "0.05"]),
+        (["table_width"], None, ["`table_width`", "None"]),
+    ],
+)
+def test_a_bad_value_among_weights_is_named(tmp_path, path, value, parts):
+    file = write(tmp_path / "weights.json", changed(WEIGHTS, path, value))
+    with pytest.raises(InvalidFile) as caught:
+        read_weights(file)
+    assert all(part in str(caught.value) for part in ["weights.json", *parts])
+
+
+def test_weights_that_prefer_nothing_are_refused(tmp_path):
+    nothing = WEIGHTS | {"object_weights": [0] * 4, "table_weights": [0.0] * 9}
+    with pytest.raises(InvalidFile, match="all weights are 0"):
+        read_weights(write(tmp_path / "weights.json", nothing))
+
+
+def test_demonstrations_come_back_from_json_and_from_a_table(tmp_path):
+    rng = np.random.default_rng(0)
+    demos = [Demonstration(rng.random((4, 2)), rng.random(2)) for _ in range(3)]
+    json_file = write(tmp_path / "demos.json", demonstrations_to_json(demos, VASE))
+    names = columns_of(VASE)
+    order = rng.permutation(len(names))
+    rows = [np.r_[demo.layout.ravel(), demo.placement].tolist() for demo in demos]
+    table = tmp_path / "demos.CSV"
+    lines = [[cells[k] for k in order] for cells in (names, *rows)]
+    text = "\r\n".join(",".join(map(str, line)) for line in lines)
+    table.write_text(f"\ufeff{text}\n\n", encoding="utf-8")
+    for file in (json_file, table):
+        task, found = read_demonstrations(file)
+        assert task == VASE
+        for demo, expected in zip(found, demos, strict=True):
+            np.testing.assert_array_equal(demo.layout, expected.layout)
+            np.testing.assert_array_equal(demo.placement, expected.placement)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "parts"),
+    [
+        (["demonstrations"], [], ["at least one"]),
+        (["demonstrations", 1], [], ["demonstration 1", "`placement`"]),
+        (["demonstrations", 1, "placement"], [0.5, 1.01], ["demonstration 1", "1.01"]),
+        (["demonstrations", 1, "placement"], [math.nan, 0], ["demonstration 1", "nan"]),
+        (["demonstrations", 0, "layout", "cup"], "x", ["demonstration 0", "'cup'"]),
+        (["demonstrations", 0, "layout", "fork"], [0, 0], ["names 'fork'"]),
+    ],
+)
+def test_a_bad_value_among_demonstrations_is_named(tmp_path, path, value, parts):
+    file = write(tmp_path / "demos.json", changed(DEMOS, path, value))
+    with pytest.raises(InvalidFile) as caught:
+        read_demonstrations(file)
+    assert all(part in str(caught.value) for part in ["demos.json", *parts])
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("", ["columns", "plate_x,plate_y"]),
+        ("plate_x,plate_y\n", ["plate_x,plate_y", "bowl_x"]),
+        (",".join(columns_of(VASE)), ["at least one"]),
+        (",".join(columns_of(VASE)) + "\n0.5,0.5\n", ["row 1", "2 cells"]),
+        (",".join(columns_of(VASE)) + "\n" + ",".join("x" * 10), ["'x'", "plate"]),
+        (",".join(columns_of(VASE)) + "\n" + ",".join(["nan"] * 10), ["nan", "plate"]),
+        ('"', ["cannot read"]),
+    ],
+)
+def test_a_bad_table_of_demonstrations_is_named(tmp_path, text, parts):
+    file = tmp_path / "demos.csv"
+    file.write_text(text)
+    with pytest.raises(InvalidFile) as caught:
+        read_demonstrations(file)
+    assert all(part in str(caught.value) for part in ["demos.csv", *parts])
