@@ -41,6 +41,12 @@ def refuse_below(config: object, **least: int) -> None:
             raise ValueError(f"--{option} must be at least {bound}; got {value}")
 
 
+def refuse_bad_resume(config: Any) -> None:
+    """Refuse to go on in a folder that is not named, or is to be replaced."""
+    if config.resume and (config.out is None or config.overwrite):
+        raise ValueError("--resume goes with --out, and not with --overwrite")
+
+
 @dataclass(frozen=True)
 class LearningConfig:
     """What runs and studies have in common: how the robot learns, and from whom."""
@@ -272,6 +278,50 @@ class RunConfig:
             raise ValueError(
                 f"--execute must be 0 with {cause}, where objects are points; "
                 f"got {self.execute}"
+            )
+
+
+@dataclass(frozen=True)
+class ValidateConfig:
+    """Measure how far learned weights put the item from where it is wanted."""
+
+    weights: Positional[tuple[Path, ...]]
+    """A weights.json; two of them are compared, layout by layout."""
+    against: str = "truth"
+    """What is wanted: the task's `truth`, another weights.json, or the placements of a
+    demonstrations file, in whose layouts the test then takes place."""
+    layouts: Annotated[str | None, arg(help_behavior_hint="(default: valid)")] = None
+    """Test layouts: physically `valid`, `uniform` points, or a file."""
+    num_layouts: int = 200
+    """Test layouts drawn."""
+    execute: int = 0
+    """Test layouts in which the arm carries out the placement."""
+    arm: OmitArgPrefixes[ArmConfig] = field(default_factory=ArmConfig)
+    """How strong the arm is, and how well it knows its world."""
+    jobs: Annotated[int | None, arg(help_behavior_hint="(default: the cores)")] = None
+    """Processes in which arms act at once; results do not depend on it."""
+    seed: int = 0
+    """Seed of all randomness."""
+    out: Annotated[
+        Path | None, arg(help_behavior_hint="(default: runs/validate/TASK-STAMP)")
+    ] = None
+    """Folder for the results."""
+    resume: bool = False
+    """Go on with the same validation in the folder."""
+    overwrite: bool = False
+    """Replace an earlier one in the folder."""
+
+    def __post_init__(self) -> None:
+        if len(self.weights) not in (1, 2):
+            raise ValueError(
+                f"give one or two files of weights; got {len(self.weights)}"
+            )
+        refuse_below(self, num_layouts=1, execute=0, jobs=1, seed=0)
+        refuse_bad_resume(self)
+        if self.execute and self.layouts == "uniform":
+            raise ValueError(
+                "--execute must be 0 with --layouts uniform, where objects are points "
+                f"that may overlap; got {self.execute}"
             )
 
 

@@ -18,6 +18,7 @@ from tablesetting.experiments.config import (
     TaskName,
     TeacherName,
     by_preset,
+    refuse_bad_resume,
     refuse_below,
     refuse_without_effect,
 )
@@ -92,8 +93,7 @@ class TrialsConfig(ABC):
                 raise ValueError(
                     f"--{name} must name one at least, and each once; got {given}"
                 )
-        if self.resume and (self.out is None or self.overwrite):
-            raise ValueError("--resume goes with --out, and not with --overwrite")
+        refuse_bad_resume(self)
         if self.shard is not None:
             self._check_shard(self.shard)
         if self.merge is not None:

@@ -8,21 +8,16 @@ from pathlib import Path
 from typing import Any
 
 from tablesetting.errors import InvalidFile
+from tablesetting.experiments.opening import first_difference, open_folder
 from tablesetting.experiments.studies import columns
 from tablesetting.experiments.study_config import TrialsConfig
-from tablesetting.experiments.study_settings import (
-    describe,
-    first_difference,
-    read_settings,
-)
+from tablesetting.experiments.study_settings import describe, read_settings
 from tablesetting.experiments.trials import Trial, all_trials, shard_trials
 from tablesetting.results import (
     CONFIG,
-    CONFIG_FORMAT,
     ROUNDS,
     Row,
     RunFolder,
-    read_json,
     read_rows,
 )
 
@@ -55,24 +50,13 @@ class StudyFolder:
             OutputError: If something else is there, or it cannot be written.
             InvalidFile: If the study there is of other settings or cannot be read.
         """
-        folder = RunFolder.make(path)
-        with folder.locked():
-            if config.resume and (path / CONFIG).exists():
-                found = read_json(path / CONFIG, CONFIG_FORMAT)
-                if difference := first_difference(found, describe(config)):
-                    raise InvalidFile(
-                        f"'{path}' holds a study with {difference}; its rows are not "
-                        "mixed with others: choose another --out"
-                    )
-                study = cls(folder, config, _read_trials(config, path))
-                folder.remove_leftovers()  # What a kill cut short goes.
-                study.write_rows()
-            else:
-                is_run = (path / CONFIG).exists()
-                remedy = "go on with it by --resume, " if is_run else ""
-                folder.clear(overwrite=config.overwrite, remedy=remedy)
-                folder.write_json(CONFIG, describe(config))
-                study = cls(folder, config, {})
+        opened = open_folder(
+            path, describe(config), resume=config.resume, overwrite=config.overwrite
+        )
+        with opened as folder:
+            study = cls(folder, config, _read_trials(config, path))
+            if config.resume:
+                study.write_rows()  # But for what a kill cut short.
             yield study
 
     @classmethod

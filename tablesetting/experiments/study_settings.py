@@ -65,26 +65,6 @@ def _resolve(config: TrialsConfig) -> dict[str, Any]:
     return {"problem": first if is_same else problems}
 
 
-def first_difference(found: Mapping[str, Any], expected: Mapping[str, Any]) -> str:
-    """Say in which setting two descriptions differ; empty if in none.
-
-    Rows of different settings, or of different releases, are not mixed.
-    """
-    for part in ("command", "options", "resolved", "versions"):
-        there, here = found.get(part), expected[part]
-        if there == here:
-            continue
-        if not isinstance(there, dict) or not isinstance(here, dict):
-            return f"{part} = {there!r:.80}, not {here!r:.80}"
-        name = next(
-            key
-            for key in here | there
-            if (key in here, here.get(key)) != (key in there, there.get(key))
-        )
-        return f"{name} = {there.get(name)!r:.80}, not {here.get(name)!r:.80}"
-    return ""
-
-
 def read_settings(folder: Path) -> tuple[TrialsConfig, dict[str, Any]]:
     """Read the settings of a study; return them parsed and as they stand.
 
