@@ -50,6 +50,7 @@ class JointEnv(gymnasium.Env[dict[str, Any], Any]):
         self._environment = load(task)
         self._painter = Painter(self._environment.physics.model.ptr, render_mode)
         self.render_mode = render_mode
+        self._is_over = True
         servos = self._environment.action_spec()
         self._center = (servos.maximum + servos.minimum) / 2.0
         self._reach = (servos.maximum - servos.minimum) / 2.0
@@ -62,8 +63,12 @@ class JointEnv(gymnasium.Env[dict[str, Any], Any]):
         )
 
     def action_for(self, joints: Array, opening: float) -> Array:
-        """Return the action for joint targets (6,), in [rad], and an opening, in [m]."""
-        return (np.array([*joints, opening]) - self._center) / self._reach
+        """Return the action for joint targets (6,), in [rad], and an opening, in [m].
+
+        What is beyond the range of a servo becomes its end.
+        """
+        action = (np.array([*joints, opening]) - self._center) / self._reach
+        return np.clip(action, -1.0, 1.0).astype(np.float32)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -79,18 +84,34 @@ class JointEnv(gymnasium.Env[dict[str, Any], Any]):
         """
         super().reset(seed=seed)
         self._environment.random_state.seed(self.np_random.integers(2**32))
+        self._is_over = False
         return self._observed(self._environment.reset().observation), {}
 
     def step(
         self, action: Any
     ) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
-        """Move for one control step, of 0.04 s."""
+        """Move for one control step, of 0.04 s.
+
+        Raises:
+            ValueError: If the action is not of shape (7,).
+            gymnasium.error.ResetNeeded: If the episode is over.
+        """
+        if self._is_over:
+            raise gymnasium.error.ResetNeeded(
+                "the episode is over; call `reset` before the next step"
+            )
+        if np.shape(action) != self.action_space.shape:
+            raise ValueError(
+                f"`action` must have the shape {self.action_space.shape}; got "
+                f"{np.shape(action)}"
+            )
         targets = self._center + self._reach * np.clip(action, -1.0, 1.0)
         moment = self._environment.step(targets)
+        self._is_over = moment.last()
         has_diverged = moment.last() and moment.discount == 0.0
-        is_over = moment.last() and not has_diverged
+        is_truncated = moment.last() and not has_diverged
         observation = self._observed(moment.observation)
-        return observation, float(moment.reward), has_diverged, is_over, {}
+        return observation, float(moment.reward), has_diverged, is_truncated, {}
 
     def render(self) -> Pixels | None:
         """Draw the table, shape (480, 640, 3); None without a render mode."""

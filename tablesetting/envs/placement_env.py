@@ -29,7 +29,7 @@ class PlacementEnv(gymnasium.Env[Array, Array]):
     rest, or the least on the unit square if the placement was refused or failed.
 
     `info` of a step holds `success`; `failure`, why not, or ""; `is_refused`, whether
-    nothing was moved; `settled`, where the item is, shape (2,), in table units (in a
+    nothing was moved; `touched`, which objects arm or item have touched; `settled`, where the item is, shape (2,), in table units (in a
     receptacle its centre of mass); `error_mm`, its distance to the action;
     `best_placement` and `best_reward`, of all where it fits; `regret`, the reward that is
     missing to that.
@@ -108,6 +108,8 @@ class PlacementEnv(gymnasium.Env[Array, Array]):
         outcome = self._carry_out(placement)
         settled = self._settled(outcome)
         reward, info = verdict.of(outcome, settled, self._layout())
+        touched = outcome.touched if isinstance(outcome, Execution) else ()
+        info["touched"] = ", ".join(sorted(touched))
         info["error_mm"] = self._distance_mm(settled, placement)
         return self._observed(), reward, True, False, info
 

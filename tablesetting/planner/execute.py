@@ -41,7 +41,8 @@ class Execution:
         tilt_deg: Angle of the item to the upright it started with.
         yaw_error_deg: Heading of the item against the one planned, without sign; 0 for an
             item that looks the same from all sides.
-        max_bystander_shift_mm: Furthest that any other prop has moved.
+        max_bystander_shift_mm: Furthest that any other prop has moved: its foot, its top
+            or, of cutlery, its ends.
         failure: What went wrong; None if the placement succeeded.
         duration: Simulated time, in [s].
         receptacle: What the item was put into; None on the table.
@@ -69,7 +70,7 @@ class Execution:
 
     @property
     def success(self) -> bool:
-        """Whether the item is where it should and nothing else has moved."""
+        """Whether the item is where it should and nothing else has moved, but for 2 mm."""
         return self.failure is None
 
 
@@ -97,7 +98,7 @@ def execute(
     Raises:
         ValueError: If `frame_rate` is not positive.
     """
-    before = {name: scene.position(name) for name in scene.objects}
+    before = outer_points(scene)
     driver = Driver(scene, frame_rate, plan.goal.receptacle)
     failure = yield from carry_out(driver, plan, camera or Camera(scene))
     return score(driver, plan.goal, before, failure)
@@ -118,6 +119,7 @@ class Driver:
     Attributes:
         scene: What is driven.
         watchdog: What was seen on the way.
+        started: When, on the clock of the scene, in [s].
         carried: What was done while the item was in the air, to go back by; the arm may
             still move, if the last of it was broken off.
     """
@@ -135,6 +137,7 @@ class Driver:
         self.scene = scene
         self.watchdog = Watchdog(scene, receptacle)
         self.carried: list[Step] = []
+        self.started = scene.data.time
         self._frame_period = 1.0 / frame_rate
         self._next_frame = scene.data.time + self._frame_period
         self._num_substeps = round(CONTROL_PERIOD / scene.model.opt.timestep)
@@ -240,13 +243,13 @@ def score(
     Args:
         driver: Has done what there was to do.
         goal: Where the item should be.
-        before: Where the bystanders stood, by name.
+        before: Where the `outer_points` of the bystanders were.
         failure: What went wrong on the way.
     """
     scene, item = driver.scene, driver.scene.item
     shifts = {
-        name: 1e3 * float(np.linalg.norm(scene.position(name) - position))
-        for name, position in before.items()
+        name: 1e3 * float(np.linalg.norm(points - before[name], axis=1).max())
+        for name, points in outer_points(scene).items()
     }
     inside = goal.receptacle is not None
     settled = scene.center_of_mass(item) if inside else scene.position(item)
@@ -259,12 +262,28 @@ def score(
         yaw_error_deg=0.0 if is_symmetric else float(np.degrees(abs(turn))),
         max_bystander_shift_mm=max(shifts.values(), default=0.0),
         failure=failure,
-        duration=scene.data.time,
+        duration=scene.data.time - driver.started,
         receptacle=goal.receptacle,
         touched=frozenset(driver.watchdog.touched),
         effort=driver.watchdog.effort,
     )
     return execution if failure else _judge(execution, scene, shifts)
+
+
+def outer_points(scene: Scene) -> dict[str, Array]:
+    """Say where foot, top and ends of each bystander are, by name, shape (4, 3), in [m].
+
+    The foot alone would not tell that a fork was turned or a glass tipped over.
+    """
+    return {
+        name: scene.position(name) + _outer_offsets(name) @ scene.rotation(name).T
+        for name in scene.objects
+    }
+
+
+def _outer_offsets(name: str) -> Array:
+    length, height = PROPS[name].half_length, PROPS[name].height
+    return np.array([[0, 0, 0], [0, 0, height], [0, length, 0], [0, -length, 0]])
 
 
 def _judge(

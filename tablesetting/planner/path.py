@@ -15,7 +15,9 @@ from tablesetting.scene.robot import BASE_POSITION, HOME, TCP_SITE, robot_model
 
 _SPACING: Final = 0.06  # Between two waypoints, in [m]
 _TURN: Final = 0.35  # and of the tool's heading, in [rad].
-_ANGLES: Final = [1, 3]  # Of a polar pose: azimuth, and heading against it.
+_HEADING: Final = 3  # Of a polar pose, against the azimuth,
+_ANGLES: Final = [1, _HEADING]  # which is the other angle.
+_WRIST: Final = 5  # The joint that turns the tool about its axis.
 _MAX_JUMP: Final = 0.8  # Of a joint between two waypoints, in [rad].
 # A restart would land on another branch of solutions, to which no path leads.
 _IK_CONFIG: Final = IkConfig(num_restarts=0, max_iterations=20)
@@ -61,12 +63,33 @@ class Path:
             Unreachable: If the arm cannot follow.
             Overload: If its joints are too weak.
         """
+        self._follow(phase, goal, self._waypoints(phase, goal))
+
+    def go_home(self) -> None:
+        """Move home; the wrist, which has no stops, turns back as often as it turned.
+
+        Raises:
+            Unreachable: If the arm cannot follow.
+            Overload: If its joints are too weak.
+        """
+        goal = home_pose()
+        waypoints = self._waypoints("home", goal)
+        turns = round((waypoints[-1][_WRIST] - HOME[_WRIST]) / (2.0 * np.pi))
+        if turns:
+            waypoints = self._waypoints("home", goal, -turns)
+        self._follow("home", goal, waypoints)
+
+    def _waypoints(self, phase: str, goal: ToolPose, turns: int = 0) -> list[Array]:
+        """Solve for the way to `goal`, with some more turns of the tool, to the left."""
         waypoints, change = [self.configuration], np.zeros_like(self.configuration)
-        for pose in _sweep(self.pose, goal):
+        for pose in _sweep(self.pose, goal, turns):
             # Begun where the joints get to if they go on like this: half the iterations.
             found = self._solve(phase, pose, waypoints[-1], waypoints[-1] + change)
             change = found - waypoints[-1]
             waypoints.append(found)
+        return waypoints
+
+    def _follow(self, phase: str, goal: ToolPose, waypoints: list[Array]) -> None:
         step = move_through(phase, np.array(waypoints), self.opening, self.load)
         self.steps.append(step)
         self.configuration, self.pose = waypoints[-1], goal
@@ -116,13 +139,14 @@ def _with_jaw(configuration: Array) -> Array:
     return np.append(configuration, [0.0, 0.0])
 
 
-def _sweep(start: ToolPose, goal: ToolPose) -> list[ToolPose]:
+def _sweep(start: ToolPose, goal: ToolPose, turns: int) -> list[ToolPose]:
     """Poses after `start` up to `goal`: the wrist moves in polar coordinates."""
     first, last = _to_polar(start), _to_polar(goal)
     change = last - first
     change[_ANGLES] = np.mod(change[_ANGLES] + np.pi, 2.0 * np.pi) - np.pi
+    change[_HEADING] += 2.0 * np.pi * turns
     distance = np.linalg.norm(goal.position - start.position)
-    num = 1 + int(max(distance / _SPACING, abs(change[3]) / _TURN))
+    num = 1 + int(max(distance / _SPACING, abs(change[_HEADING]) / _TURN))
     fractions = np.linspace(0.0, 1.0, num + 1)[1:, None]
     return [_from_polar(row) for row in first + fractions * change]
 

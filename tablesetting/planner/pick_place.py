@@ -196,7 +196,7 @@ def _plan_path(scene: Scene, seen: Percept, grip: Grip) -> Plan:
     _place(path, grasp, grip.goal, grasp.hold)
     num_placed = len(path.steps)
     path.load = unladen
-    path.move("home", home_pose())
+    path.go_home()
     in_receptacle = grip.goal.receptacle is not None
     path.wait("settle", _SETTLING_IN_TIME if in_receptacle else _SETTLING_TIME)
     return Plan(

@@ -9,12 +9,13 @@ from tablesetting.planner.execute import (
     Driver,
     Execution,
     carry_out,
+    outer_points,
     score,
 )
 from tablesetting.planner.goal import Refusal
 from tablesetting.planner.grasp import GRASPS
 from tablesetting.planner.load import Load, Overload
-from tablesetting.planner.path import Path, Unreachable, home_pose, tool_pose_at
+from tablesetting.planner.path import Path, Unreachable, tool_pose_at
 from tablesetting.planner.pick_place import Plan, plan, transfer_heights
 from tablesetting.planner.trajectory import reverse
 from tablesetting.planner.watchdog import Failure, Fault, held
@@ -53,7 +54,7 @@ def place(
         How it went, or why nothing was moved.
     """
     camera = camera or Camera(scene)
-    before = {name: scene.position(name) for name in scene.objects}
+    before = outer_points(scene)
     found = plan(scene, target, yaw, camera.look())
     if isinstance(found, Refusal):
         return found
@@ -90,7 +91,7 @@ def _recover(driver: Driver, found: Plan) -> Generator[Snapshot, None, Failure |
     try:
         path.grip("let go", wide, _OPENING_TIME)
         path.move("back off", path.pose.raised_to(max(high, path.pose.position[2])))
-        path.move("home", home_pose())
+        path.go_home()
     except (Unreachable, Overload) as error:
         return Failure(Fault.HELD_UP, f"after losing the {scene.item}, {error}")
     path.wait("settle", _SETTLING_TIME)

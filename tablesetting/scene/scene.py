@@ -100,6 +100,7 @@ class Scene:
             self.model,
             bodies=np.array(list(self.body_ids.values())),
             pads=np.array([self.model.geom(pad).id for pad in _PADS]),
+            table=self.model.geom("top").id,
         )
 
     def reset(self, centers: Array) -> None:

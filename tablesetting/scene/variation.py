@@ -1,4 +1,4 @@
-"""Props that are heavier or slicker than the model says."""
+"""Props that are heavier, lighter, rougher or slicker than the model says."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ class Variation:
     mass: float = 0.0
     """Largest relative change: 0.5 is from 1 / 1.5 to 1.5 times the mass."""
     friction: float = 0.0
-    """The same of the friction of props against what they touch, pads included."""
+    """The same of the friction of each prop on the table, and of the pads on any prop."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -28,7 +28,9 @@ class Variation:
 class PropDynamics:
     """Mass and friction of the props of a model, to be changed and restored."""
 
-    def __init__(self, model: mujoco.MjModel, bodies: Indices, pads: Indices) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, bodies: Indices, pads: Indices, table: int
+    ) -> None:
         """Remember what the model says.
 
         Args:
@@ -36,10 +38,12 @@ class PropDynamics:
             bodies: Ids of the props' bodies, shape (P,).
             pads: Ids of the finger pads among the geoms; their friction counts where
                 they touch a prop.
+            table: Id of the geom that the props stand on.
         """
         self._model = model
         self._bodies = bodies
         self._pads = pads
+        self._table = table
         self._mass = model.body_mass.copy()
         self._inertia = model.body_inertia.copy()
         self._friction = model.geom_friction.copy()
@@ -51,6 +55,8 @@ class PropDynamics:
         num = len(self._bodies) + 1
         factors = np.exp(spread * rng.uniform(-1.0, 1.0, (num, 2)))
         self._apply(factors[:, 0], factors[:, 1])
+        if variation.friction:
+            self._leave_friction_to_props(factors[:-1, 1])
         self._is_nominal = False
 
     def restore(self) -> None:
@@ -58,6 +64,7 @@ class PropDynamics:
         if not self._is_nominal:
             ones = np.ones(len(self._bodies) + 1)
             self._apply(ones, ones)
+            self._model.geom_friction[self._table] = self._friction[self._table]
             self._is_nominal = True
 
     def _apply(self, masses: Array, frictions: Array) -> None:
@@ -71,6 +78,15 @@ class PropDynamics:
             self._rub(geoms, friction)
         self._rub(self._pads, frictions[-1])
         mujoco.mj_setConst(model, mujoco.MjData(model))
+
+    def _leave_friction_to_props(self, factors: Array) -> None:
+        """Take the table's friction away: of two, MuJoCo goes by the greater."""
+        model, table = self._model, self._friction[self._table, _SLIDING]
+        for body, factor in zip(self._bodies, factors, strict=True):
+            geoms = np.flatnonzero(model.geom_bodyid == body)
+            between = np.maximum(self._friction[geoms, _SLIDING], table)
+            model.geom_friction[geoms, _SLIDING] = between * factor
+        model.geom_friction[self._table, _SLIDING] = 0.0
 
     def _rub(self, geoms: Indices, factor: float) -> None:
         self._model.geom_friction[geoms, _SLIDING] = (

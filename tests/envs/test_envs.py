@@ -125,6 +125,22 @@ def test_an_episode_is_one_placement_long(vase_env):
         vase_env.step(np.array([0.5, 0.5]))
 
 
+def test_joints_stop_at_the_end_of_the_episode_until_reset():
+    env = gymnasium.make("tablesetting/VaseJoints-v0").unwrapped
+    home = env.action_for(HOME, 0.02)
+    assert env.action_space.contains(home)
+    assert env.action_space.contains(env.action_for(np.full(6, 1e3), 0.02))
+    with pytest.raises(gymnasium.error.ResetNeeded, match="call `reset`"):
+        env.step(home)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=r"shape \(7,\); got \(3,\)"):
+        env.step(np.zeros(3))
+    *_, terminated, _, _ = env.step(np.full(7, np.nan))
+    assert terminated
+    with pytest.raises(gymnasium.error.ResetNeeded, match="call `reset`"):
+        env.step(home)
+
+
 def test_a_bad_layout_or_task_or_mode_is_refused(vase_env):
     with pytest.raises(InvalidLayout, match="too close"):
         vase_env.reset(options={"layout": np.full((4, 2), 0.5)})

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from tablesetting.planner.execute import execute, is_inside, run_to_end
+from tablesetting.planner.execute import execute, is_inside, outer_points, run_to_end
 from tablesetting.planner.pick_place import plan
 from tablesetting.planner.watchdog import Failure, Fault
 from tablesetting.scene.perception import Camera
@@ -172,6 +172,26 @@ def test_a_moved_bystander_is_a_failure(vase_scene):
     vase_scene.data.qpos[vase_scene.model.jnt_qposadr[cup]] += 0.005
     execution = run_to_end(running)
     assert execution.failure == Failure(Fault.DISTURBED, "the cup was moved by 5.0 mm")
+
+
+@pytest.mark.parametrize(
+    ("name", "turn", "moved"),
+    [
+        ("fork", [np.cos(0.25), 0.0, 0.0, np.sin(0.25)], 0.5),
+        ("cup", [1, 0, 0.02, 0], 0.04),
+    ],
+)
+def test_to_turn_or_tip_a_bystander_is_to_move_it(spoon_scene, name, turn, moved):
+    before = outer_points(spoon_scene)
+    spoon_scene.data.qpos[spoon_scene.pose_slice(name)][3:] = turn
+    mujoco.mj_kinematics(spoon_scene.model, spoon_scene.data)
+    after = outer_points(spoon_scene)
+    shifts = {
+        name: np.linalg.norm(after[name] - before[name], axis=1).max() for name in after
+    }
+    lever = PROPS[name].half_length or PROPS[name].height
+    assert shifts.pop(name) == pytest.approx(moved * lever, rel=0.05)
+    assert max(shifts.values()) == 0.0
 
 
 def test_an_arm_that_is_blocked_stops(vase_scene):

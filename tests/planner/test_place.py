@@ -12,7 +12,7 @@ from tablesetting.planner.watchdog import Fault
 from tablesetting.scene.jaw import MAX_OPENING
 from tablesetting.scene.perception import Camera, SensorNoise
 from tablesetting.scene.robot import HOME
-from tablesetting.scene.scene import Scene
+from tablesetting.scene.scene import STAGING, Scene
 from tablesetting.scene.servos import REAL
 from tablesetting.scene.table import FAST_TIMESTEP
 
@@ -248,6 +248,23 @@ def test_an_arm_at_full_speed_brakes_before_it_recovers(vase_scene, disturb):
     assert outcome.success, outcome.failure
     assert outcome.num_tries == 2
     assert outcome.duration == vase_scene.data.time
+
+
+@pytest.mark.parametrize("yaw", np.linspace(-3.0, 3.0, 5))
+def test_a_spoon_is_picked_up_again_and_again(spoon_scene, yaw):
+    """Wherever the wrist has turned to: it has no stops, and plans begin at home."""
+
+    def put_back():
+        spoon = spoon_scene.data.qpos[spoon_scene.pose_slice("spoon")]
+        spoon[:] = [*STAGING, 0.01, 1.0, 0.0, 0.0, 0.0]
+        spoon_scene.data.qvel[spoon_scene.pose_slice("spoon").start :][:6] = 0.0
+
+    outcome, _ = watch(place(spoon_scene, FREE, yaw), "lower", put_back)
+    assert outcome.success, outcome.failure
+    assert outcome.num_tries == 2
+    again = run_to_end(place(spoon_scene, FREE, yaw))
+    assert again.success, again.failure
+    assert again.duration < outcome.duration
 
 
 def test_so_does_a_weak_one(other_scene):

@@ -39,14 +39,38 @@ def test_friction_is_varied_apart_from_mass(scene):
     nominal, friction = masses(scene), scene.model.geom_friction.copy()
     scene.dynamics.draw(Variation(friction=0.5), rng=np.random.default_rng(1))
     np.testing.assert_array_equal(masses(scene), nominal)
+    table = scene.model.geom("top").id
+    assert scene.model.geom_friction[table, 0] == 0.0  # The greater of two counts.
+    friction[table] = scene.model.geom_friction[table] = 1.0
     factors = scene.model.geom_friction / friction
     assert ((factors[:, 0] >= 1 / 1.5) & (factors[:, 0] <= 1.5)).all()
     np.testing.assert_array_equal(factors[:, 1:], 1.0)
     pads = [scene.model.geom(f"jaco/jaw/{side}_pad").id for side in ("left", "right")]
     assert factors[pads[0], 0] == factors[pads[1], 0] != 1.0
-    table = scene.model.geom("top").id
-    assert factors[table, 0] == 1.0
     scene.dynamics.restore()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_slick_prop_slides_further(scene, seed):
+    """As far as its own friction lets it, against the table's in the model."""
+
+    def slide():
+        scene.reset(np.array([[0.2, 0.2], [0.6, 0.6]]))
+        plate = scene.pose_slice("plate")
+        start = scene.position("plate")[0]
+        joint = scene.model.body_jntadr[scene.body_ids["plate"]]
+        scene.data.qvel[scene.model.jnt_dofadr[joint]] = 0.5
+        scene.step(200)
+        return scene.data.qpos[plate][0] - start
+
+    nominal = slide()
+    geoms = np.flatnonzero(scene.model.geom_bodyid == scene.body_ids["plate"])
+    before = scene.model.geom_friction[[*geoms, scene.model.geom("top").id], 0].max()
+    scene.dynamics.draw(Variation(friction=0.9), rng=np.random.default_rng(seed))
+    factor = scene.model.geom_friction[geoms, 0].max() / before
+    varied = slide()
+    scene.dynamics.restore()
+    assert varied * factor == pytest.approx(nominal, rel=0.2)
 
 
 def test_restoring_leaves_no_trace(scene):
