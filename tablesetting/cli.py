@@ -22,7 +22,12 @@ from tablesetting.errors import (
     TableSettingError,
     is_interruption,
 )
-from tablesetting.experiments.config import DoctorConfig, InspectConfig, RunConfig
+from tablesetting.experiments.config import (
+    DoctorConfig,
+    InspectConfig,
+    RunConfig,
+    ValidateConfig,
+)
 from tablesetting.experiments.study_config import (
     STUDIES,
     CalibrationStudyConfig,
@@ -55,6 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     commands: dict[type, Callable[..., int]] = {
         RunConfig: _run,
+        ValidateConfig: _validate,
         PlacementStudyConfig: _study,
         CalibrationStudyConfig: _study,
         ExecutionStudyConfig: _study,
@@ -82,6 +88,7 @@ def _parse(argv: Sequence[str] | None) -> object:
     prog, description = "tablesetting", __doc__ or ""
     configs: dict[str, Callable[..., object]] = {
         "run": RunConfig,
+        "validate": ValidateConfig,
         "study": StudyConfig,
         "inspect": InspectConfig,
         "doctor": DoctorConfig,
@@ -180,6 +187,59 @@ def _program() -> list[str]:
     return ["tablesetting" if shutil.which("tablesetting") else sys.argv[0]]
 
 
+def _validate(config: ValidateConfig) -> int:
+    from tqdm import tqdm
+
+    from tablesetting.experiments.opening import open_folder
+    from tablesetting.experiments.validate import Validation
+    from tablesetting.experiments.validation_files import (
+        finish_validation,
+        write_validation,
+    )
+
+    validation = Validation.of_config(config)
+    out = config.out or _new_folder(Path("runs", "validate"), validation.task.name)
+    opened = open_folder(
+        out,
+        validation.settings(),
+        resume=config.resume,
+        overwrite=config.overwrite,
+    )
+    num_done, num_ordered = 0, config.execute * len(validation.rewards)
+    with opened as folder:
+        try:
+            num_jobs = config.jobs or _num_cores()
+            is_quiet = None if num_ordered else True
+            with (
+                contextlib.closing(
+                    write_validation(validation, folder, num_jobs)
+                ) as counts,
+                tqdm(total=num_ordered, unit="placement", disable=is_quiet) as bar,
+            ):
+                for num_done in counts:
+                    bar.update(num_done - bar.n)
+            lines = finish_validation(validation, folder)
+        except (KeyboardInterrupt, SystemError) as error:
+            if not is_interruption(error):
+                raise
+            print(
+                f"interrupted; {num_done} of {num_ordered} executions are in "
+                f"{shlex.quote(str(out))}; {_resume_advice(out)}",
+                file=sys.stderr,
+            )
+            return INTERRUPTED
+        except OutputError as error:  # The folder could be written at the start.
+            print(f"error: {error}", file=sys.stderr)
+            return FAILED
+    print(*lines, sep="\n")
+    return 0
+
+
+def _resume_advice(out: Path) -> str:
+    """Say how to go on in a folder."""
+    return f"go on with the same options and --resume {shlex.join(['--out', str(out)])}"
+
+
 def _study(config: TrialsConfig) -> int:
     from tqdm import tqdm
 
@@ -211,9 +271,7 @@ def _study(config: TrialsConfig) -> int:
             if not is_interruption(error):
                 raise
             advice = (
-                "merge again, with --overwrite"
-                if is_merge
-                else f"go on with the same options and --resume {shlex.join(['--out', str(out)])}"
+                "merge again, with --overwrite" if is_merge else _resume_advice(out)
             )
             print(
                 f"interrupted; {len(study.rows)} of {num_trials} trials are in "

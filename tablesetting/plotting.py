@@ -2,12 +2,14 @@
 
 import textwrap
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import cycle, product
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -304,3 +306,93 @@ def _write_title(figure: Figure, title: str) -> None:
     """Write the title of a study in as many lines as the figure's width asks for."""
     width = int(_LETTERS_PER_INCH * figure.get_figwidth())
     figure.suptitle(textwrap.fill(title, width), fontsize=10)
+
+
+@dataclass(frozen=True)
+class WorstLayout:
+    """A test layout in which learned weights were far off.
+
+    Attributes:
+        name: Which one, and how far.
+        outlines: Points around each object, shape (S, 2), in table units.
+        wanted: Where the item is wanted, shape (2,).
+        robot: Where the robot wants it, shape (2,).
+    """
+
+    name: str
+    outlines: Mapping[str, Array]
+    wanted: Array
+    robot: Array
+
+
+def plot_validation(
+    wanted: Array,
+    validated: Sequence[tuple[str, Array, Array, Sequence[WorstLayout]]],
+    title: str,
+) -> Figure:
+    """Draw where on the table learned weights are wrong, and their worst layouts.
+
+    Args:
+        wanted: Where the item is wanted in each test layout, shape (L, 2), in table
+            units.
+        validated: For each weights: a name, where they want it, shape (L, 2), the
+            errors, shape (L,), and the worst layouts.
+        title: What was tested.
+
+    Returns:
+        The figure, with a row of panels for each weights.
+    """
+    num_columns = 1 + max(len(worst) for *_, worst in validated)
+    size = (1.6 + 2.9 * num_columns, 0.7 + 3.3 * len(validated))
+    figure = Figure(figsize=size, layout="constrained")
+    panels = figure.subplots(len(validated), num_columns, squeeze=False)
+    most = max(float(errors.max()) for _, _, errors, _ in validated)
+    scale = Normalize(0.0, most or 1.0)
+    for (name, placements, errors, worst), (first, *others) in zip(
+        validated, panels, strict=True
+    ):
+        lines = LineCollection(
+            list(np.stack([wanted, placements], axis=1)), colors="0.6", linewidths=0.7
+        )
+        first.add_collection(lines)
+        points = first.scatter(*wanted.T, c=errors, norm=scale, s=14.0, zorder=2)
+        figure.colorbar(points, ax=first, label="error", location="left")
+        first.set_title(f"{name}\nwanted, and lines to the robot's place", fontsize=8)
+        _frame_square(first)
+        _zoom(first, np.concatenate([wanted, placements]))
+        for axes in others[len(worst) :]:
+            axes.set_axis_off()
+        for layout, axes in zip(worst, others, strict=False):
+            _draw_worst(axes, layout)
+    handles, labels = panels[0, 1].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
+    _write_title(figure, title)
+    return figure
+
+
+def _draw_worst(axes: Axes, layout: WorstLayout) -> None:
+    for name, outline in layout.outlines.items():
+        axes.plot(*outline.T, "o" if len(outline) == 1 else "-", color="0.5", lw=1.2)
+        axes.annotate(name, outline.mean(axis=0), fontsize=7, ha="center", color="0.3")
+    axes.plot(*np.stack([layout.wanted, layout.robot]).T, color="0.6", lw=0.8)
+    axes.plot(*layout.wanted, "P", color=_MAX, mec="white", ms=10, label="wanted")
+    axes.plot(
+        *layout.robot, "X", color=_MEAN, mec="white", ms=10, label="robot's place"
+    )
+    axes.set_title(layout.name, fontsize=8)
+    _frame_square(axes)
+
+
+def _zoom(axes: Axes, points: Array) -> None:
+    """Show points, shape (S, 2), and some room around them."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    half = 0.55 * max(float((high - low).max()), 0.2)
+    (x, y) = 0.5 * (low + high)
+    axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
+
+
+def _frame_square(axes: Axes) -> None:
+    """Show the unit square, and what stands out over its edge."""
+    axes.plot([0, 1, 1, 0, 0], [0, 0, 1, 1, 0], ":", color="0.7", lw=0.8)
+    axes.set(xlim=(-0.2, 1.2), ylim=(-0.2, 1.2), aspect="equal")
+    axes.tick_params(labelsize=7)

@@ -40,6 +40,7 @@ _RUN_FILES = (
     *("comparison.md", "figures/placement.png", "figures/placement.svg"),
     *("calibration.md", "figures/calibration.png"),
     *("execution.md", "figures/execution.png"),
+    *("layouts.csv", "figures/validation.png"),
 )
 
 _PACKAGES = ("mujoco", "dm-control", "mink", "rerun-sdk", "numpy", "scipy", "numba")
@@ -170,9 +171,11 @@ class RunFolder:
             with contextlib.suppress(OSError):
                 temporary.unlink()
 
-    def append_rows(self, rows: Sequence[Mapping[str, Any]]) -> None:
-        """Append rows to the table of rounds, which takes its header from the first."""
-        path = self.path / ROUNDS
+    def append_rows(
+        self, rows: Sequence[Mapping[str, Any]], name: str = ROUNDS
+    ) -> None:
+        """Append rows to a table, which takes its header from the first."""
+        path = self.path / name
         try:
             with path.open("a+", newline="", encoding="utf-8") as file:
                 file.seek(0)
@@ -229,21 +232,35 @@ def read_json(path: Path, expected_format: str) -> dict[str, Any]:
     Raises:
         InvalidFile: If it cannot be read, is not JSON, or is of another format.
     """
+    content = _load_json(path)
+    found = content.get("format") if isinstance(content, dict) else None
+    if found != expected_format:
+        raise InvalidFile(
+            f"'{path}' has the format {found!r:.60}; expected '{expected_format}'"
+        )
+    return dict(content)
+
+
+def format_of(path: Path) -> object:
+    """Return the field "format" of a JSON file; None if it has none.
+
+    Raises:
+        InvalidFile: If it cannot be read or is not JSON.
+    """
+    content = _load_json(path)
+    return content.get("format") if isinstance(content, dict) else None
+
+
+def _load_json(path: Path) -> Any:
     try:
         text = path.read_text(encoding="utf-8")
-        content = json.loads(text, object_pairs_hook=_without_duplicates)
+        return json.loads(text, object_pairs_hook=_without_duplicates)
     except OSError as error:
         raise InvalidFile(
             f"cannot read '{path}': {_reason(error)}; check the path"
         ) from error
     except (ValueError, RecursionError) as error:
-        raise InvalidFile(f"'{path}' is not valid JSON: {error}") from error
-    found = content.get("format") if isinstance(content, dict) else None
-    if found != expected_format:
-        raise InvalidFile(
-            f"'{path}' has the format {found!r}; expected '{expected_format}'"
-        )
-    return content
+        raise InvalidFile(f"'{path}' is not valid JSON: {error}; mend it") from error
 
 
 def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tablesetting.irl.arrays import Array
+from tablesetting.reward.files import LearnedReward
 from tablesetting.reward.placement import best_placements
 from tablesetting.reward.problem import PlacementProblem
 
@@ -36,3 +37,9 @@ class ValidationSet:
         """
         placements = best_placements(weights[None], self.layouts, self.widths)
         return np.linalg.norm(placements[:, 0] - self.true_placements, axis=-1)
+
+
+def placements_of(reward: LearnedReward, layouts: Array) -> Array:
+    """Return where a learned reward wants the item in layouts, shape (L, 2)."""
+    widths = reward.widths.per_center(len(reward.task.objects))
+    return best_placements(reward.weights[None], layouts, widths)[:, 0]

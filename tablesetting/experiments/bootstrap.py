@@ -1,0 +1,69 @@
+"""How exact figures of a sample are, by drawing it again and again."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tablesetting.irl.arrays import Array
+
+_NUM_RESAMPLES = 2000
+_NUM_AT_ONCE = 200_000  # Values drawn.
+_CONFIDENCE = 0.95
+
+STATISTICS: Mapping[str, Callable[[Array], Array]] = {
+    "mean": lambda values: values.mean(axis=-1),
+    "median": lambda values: np.median(values, axis=-1),
+    "p90": lambda values: np.quantile(values, 0.90, axis=-1),
+    "p95": lambda values: np.quantile(values, 0.95, axis=-1),
+    "max": lambda values: values.max(axis=-1),
+}
+"""Figures of values over the last axis, by name."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A figure of a sample, and between which it lies with 95 % confidence.
+
+    Attributes:
+        value: The figure.
+        low: Lower end of the interval.
+        high: Upper end; of a maximum no more than itself, as nothing larger was seen.
+    """
+
+    value: float
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        """Write it with its interval."""
+        return f"{self.value:.4f} ({self.low:.4f}-{self.high:.4f})"
+
+
+def estimate(values: Array, *, rng: np.random.Generator) -> dict[str, Estimate]:
+    """Estimate all figures of a sample by the percentile bootstrap.
+
+    Source: Efron & Tibshirani, *An Introduction to the Bootstrap* (1993), chapter 13.
+
+    Args:
+        values: The sample, shape (L,).
+        rng: Source of the resampling.
+
+    Returns:
+        Estimates by the names of `STATISTICS`.
+    """
+    drawn: dict[str, list[Array]] = {name: [] for name in STATISTICS}
+    num_at_once = max(_NUM_AT_ONCE // len(values), 1)
+    for start in range(0, _NUM_RESAMPLES, num_at_once):
+        num = min(num_at_once, _NUM_RESAMPLES - start)
+        samples = values[rng.integers(len(values), size=(num, len(values)))]
+        for name, statistic in STATISTICS.items():
+            drawn[name].append(statistic(samples))
+    tail = (1.0 - _CONFIDENCE) / 2.0
+    return {
+        name: Estimate(
+            float(statistic(values)),
+            *np.quantile(np.concatenate(drawn[name]), [tail, 1.0 - tail]).tolist(),
+        )
+        for name, statistic in STATISTICS.items()
+    }
