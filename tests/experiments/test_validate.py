@@ -3,7 +3,7 @@ import json
 
 import numpy as np
 import pytest
-from scipy.optimize import fsolve, minimize
+from scipy.optimize import minimize, root
 
 from tablesetting import cli
 from tablesetting.experiments.bootstrap import estimate
@@ -58,7 +58,7 @@ def best_by_hand(weights, layout, object_width, table_width):
     bounds = [(0.0, 1.0)] * 2
     found = minimize(loss, start, jac=slope, bounds=bounds, options=options)
     is_inside = ((found.x > 0.0) & (found.x < 1.0)).all()
-    return fsolve(slope, found.x, xtol=1e-14) if is_inside else found.x
+    return root(slope, found.x, tol=1e-13).x if is_inside else found.x
 
 
 def test_errors_are_those_of_a_direct_evaluation(tmp_path, weights):
