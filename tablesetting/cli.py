@@ -25,6 +25,7 @@ from tablesetting.errors import (
 from tablesetting.experiments.config import (
     DoctorConfig,
     InspectConfig,
+    LearnConfig,
     RunConfig,
     ValidateConfig,
 )
@@ -60,6 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     commands: dict[type, Callable[..., int]] = {
         RunConfig: _run,
+        LearnConfig: _learn,
         ValidateConfig: _validate,
         PlacementStudyConfig: _study,
         CalibrationStudyConfig: _study,
@@ -88,6 +90,7 @@ def _parse(argv: Sequence[str] | None) -> object:
     prog, description = "tablesetting", __doc__ or ""
     configs: dict[str, Callable[..., object]] = {
         "run": RunConfig,
+        "learn": LearnConfig,
         "validate": ValidateConfig,
         "study": StudyConfig,
         "inspect": InspectConfig,
@@ -185,6 +188,49 @@ def _program() -> list[str]:
     if Path(sys.argv[0]).name == "__main__.py":
         return [sys.executable, "-m", "tablesetting"]
     return ["tablesetting" if shutil.which("tablesetting") else sys.argv[0]]
+
+
+def _learn(config: LearnConfig) -> int:
+    from tqdm import tqdm
+
+    from tablesetting.experiments.learn import append_to_session, open_session
+    from tablesetting.experiments.learn_story import tell_learned
+
+    is_append = config.append is not None
+    out = config.demos if is_append else config.out or _learn_folder(config)
+    opened = append_to_session(config) if is_append else open_session(config, out)
+    with opened as session:
+        try:
+            _load_kernels()
+            with (
+                contextlib.closing(session.learn()) as rounds,
+                tqdm(
+                    total=len(session.setup.demos), unit="demonstration", disable=None
+                ) as bar,
+            ):
+                for latest in rounds:
+                    bar.update(latest.num_demos - bar.n)
+        except (KeyboardInterrupt, SystemError) as error:
+            if not is_interruption(error):
+                raise
+            print(
+                f"interrupted; {len(session.setup.demos)} demonstrations are kept in "
+                f"{shlex.quote(str(out))}; give the same command and --resume",
+                file=sys.stderr,
+            )
+            return INTERRUPTED
+        except OutputError as error:  # The folder could be written at the start.
+            print(f"error: {error}", file=sys.stderr)
+            return FAILED
+    print(*tell_learned(latest, out), sep="\n")
+    again = [*_program(), "learn", str(out), "--append", "next", "X,Y"]
+    print(f"learn from the answer with: {shlex.join(again)}")
+    return 0
+
+
+def _learn_folder(config: LearnConfig) -> Path:
+    """Name a folder after the demonstrations."""
+    return _new_folder(Path("runs", "learn"), config.demos.stem)
 
 
 def _validate(config: ValidateConfig) -> int:

@@ -43,7 +43,10 @@ def plot_learning(rows: Sequence[Mapping[str, str]], title: str) -> Figure:
         ("var_bound", _BOUND, "--", "0.95-VaR, worst candidate"),
         ("max_placement_error", _MAX, "-", "largest error, test layouts"),
         ("mean_placement_error", _MEAN, "-", "mean error, test layouts"),
+        ("prediction_error", _MEAN, "-", "error at the next demonstration"),
     ):
+        if column not in rows[0]:
+            continue
         values = np.array(numbers(rows, column))
         axes.plot(num_demos, values, style, color=color, marker="o", ms=4, label=label)
         is_infinite = np.isinf(values)

@@ -40,6 +40,7 @@ _RUN_FILES = (
     *("comparison.md", "figures/placement.png", "figures/placement.svg"),
     *("calibration.md", "figures/calibration.png"),
     *("execution.md", "figures/execution.png"),
+    *("next_layout.json", "bounds.csv"),
     *("layouts.csv", "figures/validation.png"),
 )
 

@@ -1,7 +1,7 @@
 """What a run can be told; light to import, so that the command line answers at once."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -48,8 +48,8 @@ def refuse_bad_resume(config: Any) -> None:
 
 
 @dataclass(frozen=True)
-class LearningConfig:
-    """What runs and studies have in common: how the robot learns, and from whom."""
+class ModelConfig:
+    """What the robot takes people for, and how long it thinks."""
 
     likelihood: Annotated[
         LikelihoodName | None, by_preset("placement", "boltzmann")
@@ -76,12 +76,6 @@ class LearningConfig:
     """R-hat that they must reach as well."""
     num_steps: int = 50_000
     """Most steps of each chain; a posterior that needs more is not certified."""
-    teacher: TeacherName = "exact"
-    """The simulated person: exact; boltzmann, of rationality 100; noisy by 0.02;
-    blundering in 10 % of the answers; biased by 0.05 in x; or one who wants the item
-    0.15 to the right of an object."""
-    truth: Literal["task", "prior"] = "task"
-    """What that person wants: what the task says, or weights drawn from the prior."""
     points: Annotated[bool, arg(help_behavior_hint="(always in the paper preset)")] = (
         False
     )
@@ -115,6 +109,18 @@ class LearningConfig:
                     f"--{option} must be 0 with --likelihood auto, which weighs models "
                     f"of fixed noise and rationality; got {getattr(self, name)}"
                 )
+
+
+@dataclass(frozen=True)
+class LearningConfig(ModelConfig):
+    """What runs and studies have in common: how the robot learns, and from whom."""
+
+    teacher: TeacherName = "exact"
+    """The simulated person: exact; boltzmann, of rationality 100; noisy by 0.02;
+    blundering in 10 % of the answers; biased by 0.05 in x; or one who wants the item
+    0.15 to the right of an object."""
+    truth: Literal["task", "prior"] = "task"
+    """What that person wants: what the task says, or weights drawn from the prior."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +159,7 @@ class ArmConfig:
                 )
 
 
-def refuse_without_effect(preset: PresetName, learning: LearningConfig) -> None:
+def refuse_without_effect(preset: PresetName, learning: ModelConfig) -> None:
     """Refuse options of a model that is not used, and what the paper's sampler has not."""
     likelihood = learning.likelihood or (
         "boltzmann" if preset == "paper" else "placement"
@@ -187,12 +193,10 @@ def refuse_without_effect(preset: PresetName, learning: LearningConfig) -> None:
         )
 
 
-def _refuse_changed(
-    learning: LearningConfig, names: tuple[str, ...], where: str
-) -> None:
+def _refuse_changed(learning: ModelConfig, names: tuple[str, ...], where: str) -> None:
     """Refuse options that are not what they are unless told, and would do nothing."""
     for name in names:
-        if getattr(learning, name) != getattr(LearningConfig(), name):
+        if getattr(learning, name) != getattr(ModelConfig(), name):
             option = name.replace("_", "-")
             raise ValueError(f"--{option} has no effect {where}")
 
@@ -279,6 +283,75 @@ class RunConfig:
                 f"--execute must be 0 with {cause}, where objects are points; "
                 f"got {self.execute}"
             )
+
+
+@dataclass(frozen=True)
+class LearnConfig:
+    """Learn from recorded demonstrations, and say what is worth asking next.
+
+    Writes a run folder; `learn RUN --append LAYOUT PLACEMENT` goes on with one.
+    """
+
+    demos: Positional[Path]
+    """A demonstrations file (JSON, or CSV with a row each); with --append, the folder."""
+    append: Annotated[tuple[str, str] | None, arg(help_behavior_hint="")] = None
+    """Learn from one more: its layout, `next` for the one that was asked or a file with
+    one, and the placement, as x,y in table units."""
+    strategy: StrategyName = "active-var"
+    """How the layout to ask about is chosen."""
+    preset: PresetName = "default"
+    """`default` is statistically sound and physical; `paper` follows the paper, with
+    objects that are points."""
+    candidates: Annotated[str | None, by_preset("any", "one-moved")] = None
+    """Layouts that can be asked about: `any`, the last one with one object moved
+    (`one-moved`), or a file of those that can be set up."""
+    num_candidates: int = 50
+    """Layouts to choose from, unless they are given."""
+    learning: OmitArgPrefixes[ModelConfig] = field(default_factory=ModelConfig)
+    """How the robot learns."""
+    layouts: Annotated[str | None, by_preset("valid", "uniform")] = None
+    """Layouts that the robot will meet, over which the bound is: physically `valid`,
+    `uniform` points, or a file."""
+    num_layouts: int = 200
+    """How many of them are drawn."""
+    curve: Annotated[bool, arg(help_behavior_hint="(always in the paper preset)")] = (
+        False
+    )
+    """Learn from one demonstration, from two and so on as well, for curves over their
+    number."""
+    epsilon: float = 0.05
+    """The bound on the loss is wanted below this, in table units."""
+    delta: float = 0.05
+    """Probability that the bound may miss its quantile by Monte Carlo error."""
+    seed: int = 0
+    """Seed of all randomness."""
+    out: Annotated[
+        Path | None, arg(help_behavior_hint="(default: runs/learn/TASK-STAMP)")
+    ] = None
+    """Run folder."""
+    resume: bool = False
+    """Go on where the same command was cut short."""
+    overwrite: bool = False
+    """Replace an earlier run in the folder."""
+
+    def __post_init__(self) -> None:
+        refuse_below(self, num_candidates=1, num_layouts=1, seed=0)
+        if not 0.0 <= self.epsilon < math.inf:
+            raise ValueError(f"--epsilon must be 0 or more; got {self.epsilon}")
+        if not 0.0 < self.delta < 1.0:
+            raise ValueError(f"--delta must be in (0, 1); got {self.delta}")
+        refuse_without_effect(self.preset, self.learning)
+        if self.append is None:
+            refuse_bad_resume(self)
+            return
+        others = {f.name for f in fields(self)} - {"demos", "append", "resume"}
+        unset = LearnConfig(self.demos)
+        for name in sorted(others):
+            if getattr(self, name) != getattr(unset, name):
+                raise ValueError(
+                    f"--append goes on with the settings of its folder; leave out "
+                    f"the options of {name.replace('_', '-')}"
+                )
 
 
 @dataclass(frozen=True)

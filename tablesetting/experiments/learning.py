@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tablesetting.experiments.setup import RunSetup
+from tablesetting.experiments.setup import RunSetup, Session
 from tablesetting.irl.active import Round, run_active
 from tablesetting.irl.arrays import Array
 from tablesetting.irl.certificate import Bound, doubts
@@ -28,7 +28,7 @@ class LearningRound:
         look: Which look at the bound this is, from 1.
     """
 
-    setup: RunSetup
+    setup: Session
     learning: Round[Array, Demonstration]
     before: "LearningRound | None"
     look: int
@@ -49,6 +49,8 @@ class LearningRound:
     @cached_property
     def errors(self) -> Array:
         """Placement error in every test layout, shape (L,), in table units."""
+        if self.setup.validation is None:
+            raise ValueError("`errors` need test layouts, which this session has not")
         guess = self.learning.posterior.guessed_weights
         return self.setup.validation.placement_errors(guess)
 

@@ -10,12 +10,19 @@ _DIGITS = 9  # Below any error that means something.
 
 def learning_cells(latest: LearningRound) -> dict[str, object]:
     """Return what is known after a number of demonstrations."""
-    learning, posterior = latest.learning, latest.learning.posterior
     return {
         "num_demos": latest.num_demos,
         "mean_placement_error": float(latest.errors.mean()),
         "max_placement_error": float(latest.errors.max()),
-        "var_bound": learning.var_bound,
+        **posterior_cells(latest),
+    }
+
+
+def posterior_cells(latest: LearningRound) -> dict[str, object]:
+    """Return what is known without the person's true preference."""
+    posterior = latest.learning.posterior
+    return {
+        "var_bound": latest.learning.var_bound,
         "ess": posterior.ess,
         "rhat": posterior.rhat,
         "acceptance_rate": posterior.acceptance_rate,

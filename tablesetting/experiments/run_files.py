@@ -12,6 +12,7 @@ from tablesetting.experiments.arm import Attempt
 from tablesetting.experiments.audit import audit_rows
 from tablesetting.experiments.certificate import certificate_to_json
 from tablesetting.experiments.config import RunConfig
+from tablesetting.experiments.posterior_files import save_posterior
 from tablesetting.experiments.rounds import RunRound, round_row
 from tablesetting.experiments.setup import RunSetup
 from tablesetting.irl.arrays import Array
@@ -27,6 +28,7 @@ from tablesetting.results import (
     read_rows,
 )
 from tablesetting.reward.files import (
+    DEMONSTRATIONS,
     demonstrations_to_json,
     layout_to_json,
     weights_to_json,
@@ -76,7 +78,7 @@ class RunFiles:
         problem, posterior = self._setup.problem, latest.learning.posterior
         self._folder.append_rows([round_row(latest)])
         self._folder.write_json(
-            "demonstrations.json",
+            DEMONSTRATIONS,
             demonstrations_to_json(latest.learning.demos, problem.task),
         )
         widths = problem.config.widths
@@ -84,7 +86,9 @@ class RunFiles:
             "weights.json",
             weights_to_json(posterior.guessed_weights, problem.task, widths),
         )
-        self._folder.write("posterior.npz", lambda path: _save_posterior(path, latest))
+        self._folder.write(
+            "posterior.npz", lambda path: save_posterior(path, posterior)
+        )
         self._draw_query(latest)
         if self._config.audit:
             self._audit += audit_rows(latest.state, self._config.strategy)
@@ -183,26 +187,6 @@ def summarize_attempts(attempts: list[Attempt]) -> dict[str, float | int | None]
 def _statistic(statistic: Any, values: list[float | None]) -> float | None:
     """Apply a statistic, rounded to a micrometre or less; None without values."""
     return round(float(statistic(values)), 4) if values else None
-
-
-def _save_posterior(path: Path, latest: RunRound) -> None:
-    posterior = latest.learning.posterior
-    np.savez(
-        path,
-        weights=posterior.weights,
-        log_posts=posterior.log_posts,
-        map_weights=posterior.map_weights,
-        mean_weights=posterior.mean_weights,
-        guessed_weights=posterior.guessed_weights,
-        scales=np.empty(0) if posterior.scales is None else posterior.scales,
-        num_chains=posterior.num_chains,
-        acceptance_rate=posterior.acceptance_rate,
-        ess=posterior.ess,
-        bulk_ess=posterior.diagnosis.bulk_ess,
-        tail_ess=posterior.diagnosis.tail_ess,
-        rhat=posterior.rhat,
-        log_evidence=posterior.log_evidence,
-    )
 
 
 def _save_netcdf(path: Path, latest: RunRound, problem: PlacementProblem) -> None:

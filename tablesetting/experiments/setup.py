@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from tablesetting.errors import InvalidLayout
-from tablesetting.experiments.config import LearningConfig, RunConfig
+from tablesetting.experiments.config import LearnConfig, ModelConfig, RunConfig
 from tablesetting.experiments.validation import ValidationSet
 from tablesetting.irl.arrays import Array
 from tablesetting.irl.sampler import McmcConfig, sample_uniform_weights
@@ -49,36 +49,47 @@ DEFAULTS = {
 
 
 @dataclass(frozen=True)
-class RunSetup:
-    """A run, ready to start.
+class Session:
+    """What is learned, and the layouts that the bound on the loss is over.
 
     Attributes:
         problem: What is learned.
-        first_layout: Where the first demonstration is given, shape (K, 2).
-        validation: The test layouts.
-        deployment: Other layouts such as the robot will meet, shape (T, K, 2).
+        validation: The test layouts; None if nobody knows what the person wants there.
+        deployment: Layouts such as the robot will meet, shape (T, K, 2).
         distribution: Where these come from, in words.
-        epsilon: Bound that ends the run, in table units.
-        is_bound_deployed: Whether the bound that ends the run is over these layouts,
+        epsilon: The bound is wanted below this, in table units.
+        is_bound_deployed: Whether the bound that ends a session is over these layouts,
             rather than over the candidates.
-        num_executions: In how many queried layouts the arm acts.
         rng: Source of the randomness of the active loop.
-        teacher_rng: Source of that of the first demonstration.
         side_seeds: Source of that of whatever only looks on.
-        arm_rng: Source of that of the arm's senses, and of its props.
     """
 
     problem: PlacementProblem
-    first_layout: Array
-    validation: ValidationSet
+    validation: ValidationSet | None
     deployment: Array
     distribution: str
     epsilon: float
     is_bound_deployed: bool
-    num_executions: int
     rng: np.random.Generator
-    teacher_rng: np.random.Generator
     side_seeds: np.random.SeedSequence
+
+
+@dataclass(frozen=True)
+class RunSetup(Session):
+    """A run, ready to start.
+
+    Attributes:
+        validation: The test layouts.
+        first_layout: Where the first demonstration is given, shape (K, 2).
+        num_executions: In how many queried layouts the arm acts.
+        teacher_rng: Source of the randomness of the first demonstration.
+        arm_rng: Source of that of the arm's senses, and of its props.
+    """
+
+    validation: ValidationSet
+    first_layout: Array
+    num_executions: int
+    teacher_rng: np.random.Generator
     arm_rng: np.random.Generator
 
     @classmethod
@@ -134,7 +145,7 @@ class RunSetup:
         )
 
 
-def problem_settings(config: RunConfig) -> PlacementConfig:
+def problem_settings(config: RunConfig | LearnConfig) -> PlacementConfig:
     """Return how a run learns: its preset, with what the options change of it."""
     preset, learning = PRESETS[config.preset], config.learning
     boltzmann = replace(
@@ -142,7 +153,10 @@ def problem_settings(config: RunConfig) -> PlacementConfig:
     )
     return replace(
         preset,
-        candidates=config.candidates or preset.candidates,
+        # Those of a file stand in place of any.
+        candidates="one-moved"
+        if (config.candidates or preset.candidates) == "one-moved"
+        else "any",
         num_candidates=config.num_candidates,
         are_points=preset.are_points or learning.points,
         likelihood=learning.likelihood or preset.likelihood,
@@ -154,7 +168,7 @@ def problem_settings(config: RunConfig) -> PlacementConfig:
     )
 
 
-def _sampler(preset: PlacementConfig, learning: LearningConfig) -> McmcConfig:
+def _sampler(preset: PlacementConfig, learning: ModelConfig) -> McmcConfig:
     """Return when the chains are to end."""
     return replace(
         preset.mcmc,

@@ -111,24 +111,81 @@ def run_active(
     collected = tuple(demos)
     posterior = None
     while True:
-        infer_rng, propose_rng, strategy_rng = rng.spawn(3)
-        started = perf_counter()
-        posterior = problem.infer(collected, posterior, rng=infer_rng)
-        inferred = perf_counter()
-        candidates = problem.propose_queries(collected, rng=propose_rng)
-        outlook = problem.outlook(candidates, posterior)
-        var = value_at_risk(outlook.losses, risk.alpha, rank_offset=risk.rank_offset)
-        latest = Round(
-            demos=collected,
-            posterior=posterior,
-            candidates=candidates,
-            outlook=outlook,
-            var=var,
-            scores=strategy(outlook, risk, strategy_rng),
-            inference_seconds=inferred - started,
-            query_seconds=perf_counter() - inferred,
-        )
+        streams = rng.spawn(3)
+        latest = take_round(problem, collected, posterior, strategy, risk, streams)
+        posterior = latest.posterior
         yield latest
         # A child leaves what its parent draws as it is.
-        (teacher_rng,) = strategy_rng.spawn(1)
+        (teacher_rng,) = streams[-1].spawn(1)
         collected += (problem.demonstrate(latest.query, rng=teacher_rng),)
+
+
+def learn_from(
+    problem: Problem[QueryT, DemoT],
+    demos: Sequence[DemoT],
+    strategy: Strategy,
+    risk: RiskConfig,
+    *,
+    first: int = 1,
+    rng: np.random.Generator,
+) -> Iterator[Round[QueryT, DemoT]]:
+    """Learn from recorded demonstrations, one after the other; nobody is asked.
+
+    Args:
+        problem: The domain.
+        demos: The demonstrations in their order, at least one.
+        strategy: Scores the candidates.
+        risk: The quantile that bounds the loss.
+        first: From how many demonstrations to learn first. It changes no later round
+            unless chains start at the previous MAP.
+        rng: Source of all randomness.
+
+    Yields:
+        One round per number of demonstrations. Demonstrations that `run_active` has
+        collected give its rounds again, from the same `rng`.
+    """
+    posterior = None
+    for num_demos in range(1, len(demos) + 1):
+        collected, streams = tuple(demos[:num_demos]), rng.spawn(3)
+        if num_demos < first:
+            continue
+        latest = take_round(problem, collected, posterior, strategy, risk, streams)
+        posterior = latest.posterior
+        yield latest
+
+
+def take_round(
+    problem: Problem[QueryT, DemoT],
+    demos: tuple[DemoT, ...],
+    previous: Posterior | None,
+    strategy: Strategy,
+    risk: RiskConfig,
+    streams: Sequence[np.random.Generator],
+) -> Round[QueryT, DemoT]:
+    """Learn from demonstrations, and weigh what to ask next.
+
+    Args:
+        problem: The domain.
+        demos: The demonstrations so far.
+        previous: The posterior of one demonstration less; None at the first.
+        strategy: Scores the candidates.
+        risk: The quantile that bounds the loss.
+        streams: Sources of the randomness of posterior, candidates and strategy.
+    """
+    infer_rng, propose_rng, strategy_rng = streams
+    started = perf_counter()
+    posterior = problem.infer(demos, previous, rng=infer_rng)
+    inferred = perf_counter()
+    candidates = problem.propose_queries(demos, rng=propose_rng)
+    outlook = problem.outlook(candidates, posterior)
+    var = value_at_risk(outlook.losses, risk.alpha, rank_offset=risk.rank_offset)
+    return Round(
+        demos=demos,
+        posterior=posterior,
+        candidates=candidates,
+        outlook=outlook,
+        var=var,
+        scores=strategy(outlook, risk, strategy_rng),
+        inference_seconds=inferred - started,
+        query_seconds=perf_counter() - inferred,
+    )

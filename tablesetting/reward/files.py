@@ -19,6 +19,9 @@ LAYOUTS_FORMAT = "tablesetting-layouts/1"
 DEMONSTRATIONS_FORMAT = "tablesetting-demonstrations/1"
 WEIGHTS_FORMAT = "tablesetting-weights/1"
 
+DEMONSTRATIONS = "demonstrations.json"
+"""Name of the file of demonstrations in a run folder."""
+
 _MAX_NUMBER = 1e300  # A larger whole number could not even become a float.
 
 

@@ -32,6 +32,7 @@ class PlacementProblem:
         config: PlacementConfig,
         *,
         teacher: Teacher | None = None,
+        candidates: Array | None = None,
         deployment: Array | None = None,
         log_prior: LogDensity | None = None,
     ):
@@ -41,6 +42,8 @@ class PlacementProblem:
             task: Objects, item and true weights.
             config: How to learn.
             teacher: The simulated person who has these weights; exact if None.
+            candidates: The layouts that can be asked about, shape (Q, K, 2); drawn as
+                `config` says if None.
             deployment: Layouts such as the robot will meet, shape (T, K, 2), which
                 some strategies think ahead to; those candidates if None.
             log_prior: Log density of the prior of weights; uniform if None.
@@ -58,6 +61,7 @@ class PlacementProblem:
         self.task = task
         self.config = config
         self.teacher: Teacher = teacher or ExactTeacher()
+        self._candidates = candidates
         self._deployment = deployment
         self._log_prior = log_prior
         self.space = LayoutSpace.of_task(task, are_points=config.are_points)
@@ -83,7 +87,9 @@ class PlacementProblem:
     def propose_queries(
         self, demos: Sequence[Demonstration], *, rng: np.random.Generator
     ) -> list[Array]:
-        """Draw candidate layouts, each of shape (K, 2)."""
+        """Draw candidate layouts, each of shape (K, 2), or return those given."""
+        if self._candidates is not None:
+            return list(self._candidates)
         num_layouts = self.config.num_candidates
         if self.config.candidates == "any":
             return list(self.space.sample(num_layouts, rng=rng))
