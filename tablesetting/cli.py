@@ -143,35 +143,46 @@ def _run(config: RunConfig) -> int:
     os.environ.setdefault("RUST_LOG", "off")
     from tqdm import tqdm
 
+    from tablesetting.experiments.opening import open_folder
     from tablesetting.experiments.run import run
+    from tablesetting.experiments.run_files import run_settings
     from tablesetting.experiments.setup import RunSetup
     from tablesetting.irl.netcdf import require_netcdf
-    from tablesetting.results import RECORDING, RunFolder
+    from tablesetting.results import RECORDING, SUMMARY
 
     setup = RunSetup.of_config(config)
     out = config.out or _new_folder(Path("runs", "run"), config.task)
     if config.netcdf:
         require_netcdf(out / "posterior.nc")
-    folder = RunFolder.create(out, overwrite=config.overwrite)
+    opened = open_folder(
+        out,
+        run_settings(config, setup),
+        resume=config.resume,
+        overwrite=config.overwrite,
+    )
     num_rounds, doubts = 0, list[str]()
-    try:
-        _load_kernels()
-        with (
-            contextlib.closing(run(config, setup, folder)) as rounds,
-            tqdm(total=config.num_queries + 1, unit="round", disable=None) as bar,
-        ):
-            for latest in rounds:
-                num_rounds += 1
-                doubts = latest.state.doubts if latest.stopped else []
-                bar.update()
-                bar.write(latest.describe())
-    except KeyboardInterrupt:
-        rounds_done = f"{num_rounds} finished round{'s' * (num_rounds != 1)}"
-        print(f"interrupted; {rounds_done} in {out}", file=sys.stderr)
-        return INTERRUPTED
-    except OutputError as error:  # The folder could be written when the run began.
-        print(f"error: {error}", file=sys.stderr)
-        return FAILED
+    with opened as folder:
+        if config.resume and (out / SUMMARY).exists():
+            print(f"finished already: {out}")
+            return 0
+        try:
+            _load_kernels()
+            with (
+                contextlib.closing(run(config, setup, folder)) as rounds,
+                tqdm(total=config.num_queries + 1, unit="round", disable=None) as bar,
+            ):
+                for latest in rounds:
+                    num_rounds += 1
+                    doubts = latest.state.doubts if latest.stopped else []
+                    bar.update()
+                    bar.write(latest.describe())
+        except KeyboardInterrupt:
+            rounds_done = f"{num_rounds} finished round{'s' * (num_rounds != 1)}"
+            print(f"interrupted; {rounds_done} in {out}", file=sys.stderr)
+            return INTERRUPTED
+        except OutputError as error:  # The folder could be written at the start.
+            print(f"error: {error}", file=sys.stderr)
+            return FAILED
     print("not certified:" if doubts else "certified: see certificate.json")
     for doubt in doubts:
         print(f"  {doubt}")

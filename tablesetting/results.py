@@ -138,6 +138,13 @@ class RunFolder:
         finally:
             os.close(directory)
 
+    def remove_results(self) -> None:
+        """Remove what a run has written, but for its settings, to do it again."""
+        for name in _RUN_FILES:
+            for found in self.path.glob(name):
+                if found.is_file() and found.name != CONFIG:
+                    found.unlink()
+
     def remove_leftovers(self) -> None:
         """Remove what a kill left half written; nobody else may be writing."""
         for found in self.path.rglob("*"):

@@ -255,10 +255,13 @@ class RunConfig:
         Path | None, arg(help_behavior_hint="(default: runs/run/TASK-STAMP)")
     ] = None
     """Run folder."""
+    resume: bool = False
+    """Do the same run in the folder again unless it is finished."""
     overwrite: bool = False
     """Replace an earlier run in the folder."""
 
     def __post_init__(self) -> None:
+        refuse_bad_resume(self)
         refuse_below(
             self, num_queries=0, num_candidates=1, num_layouts=1, execute=0, seed=0
         )

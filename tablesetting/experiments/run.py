@@ -12,14 +12,14 @@ from tablesetting.experiments.setup import RunSetup
 from tablesetting.irl.active import Round
 from tablesetting.irl.arrays import Array
 from tablesetting.recording import RunCard, RunRecorder
-from tablesetting.results import RECORDING, RunFolder, package_versions
+from tablesetting.results import RECORDING, SUMMARY, RunFolder, package_versions
 from tablesetting.reward.likelihood import Demonstration
 
 
 def run(
     config: RunConfig, setup: RunSetup, folder: RunFolder
 ) -> Generator[RunRound, None, None]:
-    """Carry out a run, and write its folder as it goes.
+    """Carry out a run, and write its folder as it goes, from the start.
 
     Whatever is finished when the caller stops stays readable; the summary comes with
     the last round.
@@ -27,14 +27,14 @@ def run(
     Args:
         config: The options.
         setup: What they resolve to.
-        folder: An empty run folder.
+        folder: A run folder with its config.json.
 
     Yields:
         One round per number of demonstrations, when the arm is done with it.
     """
     task = setup.problem.task
+    folder.remove_results()
     files = RunFiles(folder, config, setup)
-    files.write_config()
     arm = Arm(task.objects, task.item, config.arm)
     card = RunCard(
         task=task.name,
@@ -51,8 +51,12 @@ def run(
         for latest in _learn(config, setup, arm, recorder):
             files.add(latest)
             if latest.stopped is not None:
-                recorder.log_summary(files.write_summary(latest.stopped))
+                summary = files.summarize(latest.stopped)
+                recorder.log_summary(summary)
+                break
             yield latest
+    folder.write_json(SUMMARY, summary)  # Last: who finds it finds all.
+    yield latest
 
 
 def _learn(

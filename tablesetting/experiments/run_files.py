@@ -1,5 +1,6 @@
 """The files of a run folder, kept complete after every round."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -12,6 +13,7 @@ from tablesetting.experiments.arm import Attempt
 from tablesetting.experiments.audit import audit_rows
 from tablesetting.experiments.certificate import certificate_to_json
 from tablesetting.experiments.config import RunConfig
+from tablesetting.experiments.options import to_options
 from tablesetting.experiments.posterior_files import save_posterior
 from tablesetting.experiments.rounds import RunRound, round_row
 from tablesetting.experiments.setup import RunSetup
@@ -19,10 +21,8 @@ from tablesetting.irl.arrays import Array
 from tablesetting.irl.netcdf import save_netcdf
 from tablesetting.plotting import plot_learning, plot_query
 from tablesetting.results import (
-    CONFIG,
     CONFIG_FORMAT,
     ROUNDS,
-    SUMMARY,
     RunFolder,
     package_versions,
     read_rows,
@@ -36,6 +36,26 @@ from tablesetting.reward.files import (
 from tablesetting.reward.problem import PlacementProblem
 
 _MAP_SIZE = 96
+_OF_ONE_CALL = ("out", "resume", "overwrite")
+
+
+def run_settings(config: RunConfig, setup: RunSetup) -> dict[str, Any]:
+    """Return the content of config.json: the options, and what they resolve to."""
+    task = setup.problem.task
+    resolved = {
+        "problem": asdict(setup.problem.config),
+        "first_layout": layout_to_json(setup.first_layout, task.objects),
+        "num_layouts": len(setup.validation.layouts),
+        "epsilon": setup.epsilon,
+        "num_executions": setup.num_executions,
+    }
+    return {
+        "format": CONFIG_FORMAT,
+        "command": "run",
+        "options": to_options(config, _OF_ONE_CALL),
+        "resolved": json.loads(json.dumps(resolved)),
+        "versions": package_versions(),
+    }
 
 
 class RunFiles:
@@ -48,29 +68,6 @@ class RunFiles:
         self._rounds: list[RunRound] = []
         self._audit: list[dict[str, object]] = []
         self._started = perf_counter()
-
-    def write_config(self) -> None:
-        """Write the options and what they resolve to, before the work starts."""
-        setup, task = self._setup, self._setup.problem.task
-        options = asdict(self._config)
-        options |= options.pop("learning")
-        options |= options.pop("arm")
-        options["out"] = str(self._folder.path)
-        resolved = {
-            "problem": asdict(setup.problem.config),
-            "first_layout": layout_to_json(setup.first_layout, task.objects),
-            "num_layouts": len(setup.validation.layouts),
-            "epsilon": setup.epsilon,
-            "num_executions": setup.num_executions,
-        }
-        content = {
-            "format": CONFIG_FORMAT,
-            "command": "run",
-            "options": options,
-            "resolved": resolved,
-            "versions": package_versions(),
-        }
-        self._folder.write_json(CONFIG, content)
 
     def add(self, latest: RunRound) -> None:
         """Add a round to the table and bring all other files up to date."""
@@ -98,8 +95,8 @@ class RunFiles:
                 "posterior.nc", lambda path: _save_netcdf(path, latest, problem)
             )
 
-    def write_summary(self, stopped: str) -> dict[str, Any]:
-        """Write the final figures, and return them."""
+    def summarize(self, stopped: str) -> dict[str, Any]:
+        """Write certificate and curves; return the final figures."""
         last = self._rounds[-1]
         certificate = certificate_to_json(last.state)
         self._folder.write_json("certificate.json", certificate)
@@ -125,7 +122,6 @@ class RunFiles:
         }
         figure = plot_learning(read_rows(self._folder.path / ROUNDS), self._title)
         self._folder.write("figures/learning.png", figure.savefig)
-        self._folder.write_json(SUMMARY, summary)
         return summary
 
     def _seconds(self) -> Mapping[str, float]:

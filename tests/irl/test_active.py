@@ -4,7 +4,7 @@ from itertools import islice, pairwise, takewhile
 import numpy as np
 import pytest
 
-from tablesetting.irl.active import run_active
+from tablesetting.irl.active import learn_from, run_active
 from tablesetting.irl.arrays import Array
 from tablesetting.irl.outlook import Answers
 from tablesetting.irl.posterior import Posterior
@@ -182,6 +182,24 @@ def test_every_round_builds_on_the_posterior_before():
     problem = Numbers()
     found = rounds("active-var", 4, problem=problem)
     assert problem.previous == [None, *(latest.posterior for latest in found[:-1])]
+
+
+@pytest.mark.parametrize("first", [1, 4])
+def test_recorded_answers_give_the_rounds_of_their_session_again(first):
+    found = rounds("active-var", 5)
+    again = learn_from(
+        Numbers(),
+        found[-1].demos,
+        STRATEGIES["active-var"],
+        RISK,
+        first=first,
+        rng=np.random.default_rng(0),
+    )
+    for one, other in zip(found[first - 1 :], again, strict=True):
+        assert one.demos == other.demos
+        assert one.candidates == other.candidates
+        np.testing.assert_array_equal(one.posterior.weights, other.posterior.weights)
+        np.testing.assert_array_equal(one.scores, other.scores)
 
 
 def test_strategies_are_paired():
