@@ -9,6 +9,8 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 
 ConfigT = TypeVar("ConfigT")
 
+_MAX_NUMBER = 1e300  # A larger whole number could not even become a float.
+
 
 def to_options(config: Any, of_one_call: tuple[str, ...]) -> dict[str, Any]:
     """Return options flat, as JSON has them.
@@ -60,7 +62,7 @@ def _convert(value: Any, hint: Any, name: str) -> Any:
         return _convert(value, kinds[0], name)
     elif hint is Path and isinstance(value, str):
         return Path(value)
-    elif hint is float and type(value) in (int, float):
+    elif hint is float and type(value) in (int, float) and abs(value) <= _MAX_NUMBER:
         return float(value)
     elif isinstance(hint, type) and type(value) is hint:
         return value

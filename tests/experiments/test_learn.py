@@ -1,12 +1,12 @@
-import csv
 import json
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
+import quick_cli
+from folder_content import read_folder
 
-from tablesetting import cli
 from tablesetting.experiments.config import LearnConfig, ModelConfig
 from tablesetting.experiments.options import from_options, to_options
 from tablesetting.reward.files import (
@@ -19,27 +19,6 @@ from tablesetting.reward.tasks import VASE
 
 RECORDED = Path(__file__).parents[1] / "data" / "vase_demonstrations.json"
 QUICK = ("--num-layouts", "10", "--num-candidates", "8")
-
-
-def read_folder(folder):
-    """Read all that does not depend on how fast the machine is."""
-    content = {}
-    for path in sorted(folder.rglob("*")):
-        name = path.relative_to(folder).as_posix()
-        if path.suffix == ".csv":
-            with path.open(newline="") as file:
-                rows = list(csv.DictReader(file))
-            content[name] = [
-                {k: v for k, v in row.items() if not k.endswith("seconds")}
-                for row in rows
-            ]
-        elif path.suffix == ".json" and name != "config.json":
-            content[name] = json.loads(path.read_text()) | {"seconds": None}
-        elif path.suffix == ".npz":
-            content[name] = {k: v.tolist() for k, v in np.load(path).items()}
-        else:
-            content[name] = None
-    return content
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +34,8 @@ def recorded(tmp_path_factory):
 @pytest.fixture(scope="module")
 def compiled_learned(recorded, tmp_path_factory):
     out = tmp_path_factory.mktemp("learned") / "out"
-    assert cli.main(["learn", str(recorded), *QUICK, "--out", str(out)]) == 0
+    argv = ["learn", str(recorded), *QUICK, "--out", str(out)]
+    assert quick_cli.main(argv, quick_cli.MIXED) == 0
     return out
 
 
@@ -88,7 +68,7 @@ def test_to_append_is_to_have_had_the_demonstration_from_the_start(
     learned, recorded, tmp_path, capsys
 ):
     (asked,) = read_layouts(learned / "next_layout.json", VASE.objects)
-    assert cli.main(["learn", str(learned), "--append", "next", "0.5,0.5"]) == 0
+    assert quick_cli.main(["learn", str(learned), "--append", "next", "0.5,0.5"]) == 0
     assert "--append next X,Y" in capsys.readouterr().out
     content = json.loads(recorded.read_text())
     layout = dict(zip(VASE.objects, asked.tolist(), strict=True))
@@ -96,7 +76,7 @@ def test_to_append_is_to_have_had_the_demonstration_from_the_start(
     longer = tmp_path / "longer.json"
     longer.write_text(json.dumps(content))
     out = tmp_path / "out"
-    assert cli.main(["learn", str(longer), *QUICK, "--out", str(out)]) == 0
+    assert quick_cli.main(["learn", str(longer), *QUICK, "--out", str(out)]) == 0
     appended, at_once = read_folder(learned), read_folder(out)
     first, *rows = appended.pop("rounds.csv")
     assert first["num_demos"] == "3"
@@ -108,21 +88,21 @@ def test_to_append_is_to_have_had_the_demonstration_from_the_start(
 def test_a_killed_append_is_not_made_twice(learned, capsys):
     argv = ["learn", str(learned), "--append", "next", "0.5,0.5"]
     asked = (learned / "next_layout.json").read_text()
-    assert cli.main(argv) == 0
+    assert quick_cli.main(argv) == 0
     whole = read_folder(learned)
     # As if killed before the end, with the demonstration written already.
     (learned / "next_layout.json").write_text(asked)
     (learned / "summary.json").unlink()
-    assert cli.main([*argv, "--resume"]) == 0
+    assert quick_cli.main([*argv, "--resume"]) == 0
     assert read_folder(learned) == whole
 
 
 def test_a_killed_session_goes_on_and_keeps_what_was_appended(learned, recorded):
-    assert cli.main(["learn", str(learned), "--append", "next", "0.5,0.5"]) == 0
+    assert quick_cli.main(["learn", str(learned), "--append", "next", "0.5,0.5"]) == 0
     whole = read_folder(learned)
     (learned / "weights.json").unlink()
     argv = ["learn", str(recorded), *QUICK, "--out", str(learned), "--resume"]
-    assert cli.main(argv) == 0
+    assert quick_cli.main(argv) == 0
     assert read_folder(learned) == whole
 
 
@@ -133,19 +113,19 @@ def test_only_given_layouts_are_asked_about(recorded, tmp_path):
     file.write_text(json.dumps({"format": LAYOUTS_FORMAT, "layouts": given}))
     out = tmp_path / "out"
     argv = ["--candidates", str(file), "--layouts", str(file), "--curve"]
-    assert cli.main(["learn", str(recorded), *argv, "--out", str(out)]) == 0
+    assert quick_cli.main(["learn", str(recorded), *argv, "--out", str(out)]) == 0
     (asked,) = json.loads((out / "next_layout.json").read_text())["layouts"]
     assert asked in given
     content = read_folder(out)
     assert len(content["bounds.csv"]) == 3
     assert [row["num_demos"] for row in content["rounds.csv"]] == ["1", "2", "3", "4"]
     one = ["--append", str(out / "next_layout.json"), "0.5,0.5"]
-    assert cli.main(["learn", str(out), *one]) == 0
+    assert quick_cli.main(["learn", str(out), *one]) == 0
 
 
 def refusal(capsys, *argv):
     try:
-        code = cli.main(["learn", *map(str, argv)])
+        code = quick_cli.main(["learn", *map(str, argv)])
     except SystemExit as stop:
         code = stop.code
     assert code == 2

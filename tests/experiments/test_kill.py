@@ -1,0 +1,125 @@
+"""Commands that are killed leave nothing half-written, and can be gone on with."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import quick_cli
+from folder_content import read_folder
+
+from tablesetting.reward.files import weights_to_json
+from tablesetting.reward.rbf import RbfWidths
+from tablesetting.reward.tasks import VASE
+
+RECORDED = Path(__file__).parents[1] / "data" / "vase_demonstrations.json"
+COMMANDS = {
+    "run": [
+        *("run", "vase", "--num-queries", "2", "--execute", "1", "--epsilon", "0"),
+        *quick_cli.SMALL,
+    ],
+    "learn": ["learn", str(RECORDED), *quick_cli.SMALL],
+    "validate": [
+        *("validate", "WEIGHTS", "--num-layouts", "20"),
+        *("--execute", "3", "--jobs", "1"),
+    ],
+    "study": [
+        *("study", "placement", "--num-trials", "3", "--num-queries", "2"),
+        *("--jobs", "1", "--strategies", "active-var", "random"),
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory):
+    path = tmp_path_factory.mktemp("weights") / "weights.json"
+    weights = np.r_[-0.2, 0.1, -0.05, -0.15, np.full(9, 0.5 / 9)]
+    path.write_text(json.dumps(weights_to_json(weights, VASE, RbfWidths())))
+    return str(path)
+
+
+def start(argv, out):
+    """Start a command in a process group of its own."""
+    command = [sys.executable, quick_cli.__file__, *argv, "--out", str(out)]
+    quiet = subprocess.DEVNULL
+    return subprocess.Popen(
+        command, stdout=quiet, stderr=subprocess.PIPE, start_new_session=True, text=True
+    )
+
+
+def finish(argv, out):
+    """Carry a command out; return the seconds that it took."""
+    started = time.monotonic()
+    process = start(argv, out)
+    error = process.communicate()[1]
+    assert process.returncode == 0, error
+    return time.monotonic() - started
+
+
+def check_whole(folder):
+    """All that bears its final name can be read; of a table, all but the last row."""
+    for path in folder.rglob("*"):
+        if path.name.startswith(".") or path.is_dir():
+            continue
+        if path.suffix == ".json":
+            json.loads(path.read_text())
+        elif path.suffix == ".npz":
+            with np.load(path) as arrays:
+                assert all(arrays[name].size for name in ("weights", "log_posts"))
+        elif path.suffix == ".png":
+            assert path.read_bytes().endswith(b"IEND\xaeB`\x82")
+        elif path.suffix == ".csv":
+            lines = path.read_text().splitlines()[:-1]
+            assert len({line.count(",") for line in lines}) <= 1
+
+
+def outcome(folder):
+    """Read a folder; the recording alone depends on where it was written from."""
+    content = read_folder(folder)
+    content.pop("recording.rrd", None)
+    return content
+
+
+def kill_and_resume(argv, moments, reference, tmp_path):
+    """Kill a command at some moments, one after the other, then let it finish."""
+    out = tmp_path / "killed"
+    resumed = []
+    for moment in moments:
+        process = start([*argv, *resumed], out)
+        try:
+            process.communicate(timeout=moment)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+        if out.exists():
+            check_whole(out)
+        resumed = ["--resume"]
+    finish([*argv, "--resume"], out)
+    assert outcome(out) == reference
+    leftovers = [path for path in out.rglob(".*") if path.is_file()]
+    assert not leftovers
+
+
+def kill_often(name, weights, tmp_path, num_kills):
+    argv = [weights if word == "WEIGHTS" else word for word in COMMANDS[name]]
+    whole = tmp_path / "whole"
+    duration = finish(argv, whole)
+    rng = np.random.default_rng(len(name))
+    moments = rng.uniform(0.3, 1.0, num_kills) * duration
+    kill_and_resume(argv, moments, outcome(whole), tmp_path)
+
+
+@pytest.mark.parametrize("name", ["learn", "validate"])
+def test_a_killed_command_goes_on_to_the_same_end(name, weights, tmp_path):
+    kill_often(name, weights, tmp_path, num_kills=1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", COMMANDS)
+def test_one_that_is_killed_again_and_again_does_so_too(name, weights, tmp_path):
+    kill_often(name, weights, tmp_path, num_kills=12)
