@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tablesetting.reward.files import read_layouts
+from tablesetting.reward.files import read_demonstrations, read_layouts
 from tablesetting.reward.layout import LayoutSpace
 from tablesetting.reward.tasks import VASE
 
@@ -23,9 +23,12 @@ def test_every_example_runs_and_says_something(example, capsys):
 
 def test_the_layout_file_of_the_docs_can_be_read(tmp_path):
     text = (ROOT / "docs" / "conventions.md").read_text()
-    (snippet,) = re.findall(r"```json\n(.*?)```", text, flags=re.DOTALL)
-    file = tmp_path / "layouts.json"
-    file.write_text(json.dumps(json.loads(snippet)))
+    snippets = re.findall(r"```json\n(.*?)```", text, flags=re.DOTALL)
+    file, demos_file = tmp_path / "layouts.json", tmp_path / "demonstrations.json"
+    for path, snippet in zip((file, demos_file), snippets, strict=True):
+        path.write_text(json.dumps(json.loads(snippet)))
+    task, demos = read_demonstrations(demos_file)
+    assert (task, len(demos)) == (VASE, 1)
     layouts = read_layouts(file, VASE.objects)
     np.testing.assert_array_equal(layouts, [VASE.first_layout])
     LayoutSpace.of_task(VASE, are_points=False).check(layouts[0])

@@ -7,6 +7,7 @@ import numpy as np
 
 from tablesetting.experiments.arm import Attempt
 from tablesetting.experiments.learning import LearningRound
+from tablesetting.experiments.rival import find_rival
 from tablesetting.experiments.rows import learning_cells, rounded, seconds_cells
 from tablesetting.irl.active import Round
 from tablesetting.irl.arrays import Array
@@ -109,6 +110,7 @@ def round_row(latest: RunRound) -> dict[str, object]:
 def round_view(latest: RunRound, problem: PlacementProblem, strategy: str) -> RoundView:
     """Return what the recording shows of a round before the arm acts."""
     learning = latest.learning
+    rival = find_rival(problem, learning.posterior, learning.query)
     return RoundView(
         num_demos=latest.num_demos,
         centers=learning.query,
@@ -118,11 +120,13 @@ def round_view(latest: RunRound, problem: PlacementProblem, strategy: str) -> Ro
         candidate_var=learning.var,
         asked=learning.query_index,
         robot_placement=latest.placement,
+        rival_map=problem.reward_map(rival.weights, learning.query, _MAP_SIZE),
+        rival_placement=rival.placement,
+        sampled_placements=rival.samples,
         wish=latest.truth,
         var_bound=learning.var_bound,
         deployment_bound=latest.state.bound.value,
-        mean_placement_error=float(latest.errors.mean()),
-        max_placement_error=float(latest.errors.max()),
+        placement_errors=latest.errors,
         reason=explain_query(latest, strategy),
     )
 

@@ -26,9 +26,12 @@ def run_blueprint() -> rrb.Blueprint:
         rrb.TextDocumentView(origin=entities.ROUND_TEXT, name="Round"),
         rrb.TextDocumentView(origin=entities.RUN_CARD, name="Run"),
     )
+    guess = rrb.Spatial2DView(origin=entities.GUESS_MAP, name="Reward of the guess")
+    rival = rrb.Spatial2DView(origin=entities.RIVAL_MAP, name="Reward of the rival")
+    below = rrb.Horizontal(words, guess, rival, column_shares=[3, 2, 2])
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(_scene(), words, row_shares=[5, 2]),
+            rrb.Vertical(_scene(), below, row_shares=[5, 3]),
             learning,
             column_shares=[3, 2],
         ),

@@ -14,6 +14,8 @@ FIGURES_TITLE = "## Final figures"
 _LEGEND = (
     "On the table lies the reward of the best guess, yellow where it is high. "
     "Magenta marks where the person wants the item, white where the robot thinks so, "
+    "blue dots where samples of the posterior put it, among them the rival, whose distance "
+    "from the guess is the value at risk, "
     "orange the commanded placement and red the place where the item settled."
 )
 

@@ -28,9 +28,12 @@ class Marker:
 
 WISH = Marker(entities.WISH, "person's wish", (255, 60, 200), 0.052, 0.39)
 GUESS = Marker(entities.GUESS, "best guess", (255, 255, 255), 0.046, 0.34)
+RIVAL = Marker(entities.RIVAL, "rival", (70, 200, 255), 0.058, 0.44)
 COMMANDED = Marker(entities.COMMANDED, "commanded", (255, 150, 30), 0.040, 0.29)
 SETTLED = Marker(entities.SETTLED, "settled", (255, 95, 85), 0.034, 0.24)
-MARKERS = (WISH, GUESS, COMMANDED, SETTLED)
+MARKERS = (WISH, GUESS, RIVAL, COMMANDED, SETTLED)
+
+_SAMPLE_HEIGHT = 0.003  # [m], between the reward map and the rings.
 
 
 def log_marker(stream: rr.RecordingStream, marker: Marker, position: Array) -> None:
@@ -52,6 +55,13 @@ def clear_markers(stream: rr.RecordingStream) -> None:
     """Take all markers away."""
     for marker in MARKERS:
         stream.log(marker.path, rr.Clear(recursive=True))
+
+
+def log_samples(stream: rr.RecordingStream, positions: Array) -> None:
+    """Strew the placements of the posterior, world positions (M, 2), in [m]."""
+    raised = np.column_stack([positions, np.full(len(positions), _SAMPLE_HEIGHT)])
+    points = rr.Points3D(raised, colors=RIVAL.color, radii=rr.Radius.ui_points(1.5))
+    stream.log(entities.SAMPLES, points)
 
 
 def log_object_names(

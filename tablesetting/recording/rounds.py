@@ -1,22 +1,35 @@
 """What a round of learning looks like: reward map, markers, curves, candidates."""
 
+from collections.abc import Callable, Mapping
+from typing import Final
+
 import numpy as np
 import rerun as rr
 
 from tablesetting.irl.arrays import Array
 from tablesetting.recording import entities, markers
+from tablesetting.recording.maps import log_maps
 from tablesetting.recording.text import distance_mm, round_markdown
 from tablesetting.recording.views import ExecutionView, RoundView
 from tablesetting.scene.table import TableFrame
 
 _MAP_HEIGHT = 0.002  # [m] above the table, clear of z-fighting.
+_BAND = (entities.LOW_ERROR, entities.HIGH_ERROR)
 _GREY, _ORANGE = (140, 146, 158), (255, 150, 30)
 _CURVES = {
     entities.DEPLOYMENT_BOUND: ("bound over deployment [table units]", (90, 130, 255)),
     entities.VAR_BOUND: ("VaR, worst candidate [table units]", (165, 140, 200)),
     entities.MEAN_ERROR: ("mean error [table units]", (60, 190, 110)),
     entities.MAX_ERROR: ("max error [table units]", (235, 80, 70)),
+    entities.LOW_ERROR: ("errors, 10 % [table units]", (150, 215, 180)),
+    entities.HIGH_ERROR: ("errors, 90 % [table units]", (150, 215, 180)),
     entities.EXECUTION_ERROR: ("execution error [mm]", _ORANGE),
+}
+_ERRORS: Final[Mapping[str, Callable[[Array], float]]] = {
+    entities.MEAN_ERROR: np.mean,
+    entities.MAX_ERROR: np.max,
+    entities.LOW_ERROR: lambda errors: np.quantile(errors, 0.1),
+    entities.HIGH_ERROR: lambda errors: np.quantile(errors, 0.9),
 }
 
 
@@ -26,14 +39,14 @@ def log_styles(stream: rr.RecordingStream) -> None:
         line = rr.SeriesLines(
             names=name,
             colors=color,
-            widths=2.0,
+            widths=1.0 if path in _BAND else 2.0,
             interpolation_mode=rr.components.InterpolationMode.StepAfter,
         )
         points = rr.SeriesPoints(
             names=name,
             colors=color,
             markers=rr.components.MarkerShape.Circle,
-            marker_sizes=4.0,
+            marker_sizes=2.0 if path in _BAND else 4.0,
         )
         stream.log(path, line, points, static=True)
 
@@ -48,14 +61,22 @@ def log_round(
     _log_reward_map(stream, view.reward_map, frame)
     markers.clear_markers(stream)
     markers.log_object_names(stream, frame.to_world(view.centers), objects)
-    planned = frame.to_world(view.robot_placement)
-    markers.log_marker(stream, markers.GUESS, planned)
-    markers.log_marker(stream, markers.WISH, frame.to_world(view.wish))
+    markers.log_samples(stream, frame.to_world(view.sampled_placements))
+    for marker, place in (
+        (markers.GUESS, view.robot_placement),
+        (markers.RIVAL, view.rival_placement),
+        (markers.WISH, view.wish),
+    ):
+        if place is not None:
+            markers.log_marker(stream, marker, frame.to_world(place))
+    log_maps(stream, view, objects)
     stream.log(entities.VAR_BOUND, rr.Scalars(view.var_bound))
     if np.isfinite(view.deployment_bound):
         stream.log(entities.DEPLOYMENT_BOUND, rr.Scalars(view.deployment_bound))
-    stream.log(entities.MEAN_ERROR, rr.Scalars(view.mean_placement_error))
-    stream.log(entities.MAX_ERROR, rr.Scalars(view.max_placement_error))
+    if view.placement_errors is not None:
+        for path, statistic in _ERRORS.items():
+            value = float(statistic(view.placement_errors))
+            stream.log(path, rr.Scalars(value))
     _log_candidates(stream, view.candidate_var, view.asked)
     _log_text(stream, round_markdown(view, frame))
 

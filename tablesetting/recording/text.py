@@ -13,15 +13,25 @@ def round_markdown(
     view: RoundView, frame: TableFrame, execution: ExecutionView | None = None
 ) -> str:
     """Write what is known in a round, and how the arm fared once it has acted."""
+    errors = view.placement_errors
     lines = [
         f"- Bound over the deployment {view.deployment_bound:.3f}, value at risk in the "
-        f"worst candidate {view.var_bound:.3f}, placement error on test layouts: "
-        f"mean {view.mean_placement_error:.3f}, "
-        f"max {view.max_placement_error:.3f} (table units)",
-        f"- Best guess {_point(view.robot_placement)}",
+        f"worst candidate {view.var_bound:.3f}"
+        + (
+            f", placement error on test layouts: mean {errors.mean():.3f}, "
+            f"max {errors.max():.3f}"
+            if errors is not None
+            else ""
+        )
+        + " (table units)",
+        f"- Best guess {_point(view.robot_placement)}, rival "
+        f"{_point(view.rival_placement)}",
     ]
-    error = distance_mm(frame, view.robot_placement, view.wish)
-    lines.append(f"- Person's wish {_point(view.wish)}: learning error {error:.1f} mm")
+    if view.wish is not None:
+        error = distance_mm(frame, view.robot_placement, view.wish)
+        lines.append(
+            f"- Person's wish {_point(view.wish)}: learning error {error:.1f} mm"
+        )
     if execution is not None:
         lines.append(f"- {_execution_sentence(execution, frame)}")
         detour = distance_mm(frame, view.robot_placement, execution.commanded)

@@ -42,12 +42,17 @@ class RoundView:
         candidate_var: Value at risk of each candidate layout, shape (C,), in table units.
         asked: Index of the candidate that is asked about.
         robot_placement: Best placement under that reward, shape (2,).
-        wish: Where the person wants the item in that layout, shape (2,).
+        rival_map: The same map of the rival, the sampled reward whose loss is the value at
+            risk of that layout.
+        rival_placement: Best placement under that, shape (2,).
+        sampled_placements: Best placements under sampled rewards, shape (M, 2).
+        wish: Where the person wants the item in that layout, shape (2,); None where
+            nobody has said.
         var_bound: Largest value at risk over the candidates, in table units.
         deployment_bound: Confidence bound on the value at risk over layouts such as the
             robot will meet, in table units; infinite if there is none.
-        mean_placement_error: Mean over the test layouts, in table units.
-        max_placement_error: Maximum over the test layouts, in table units.
+        placement_errors: In the test layouts, shape (L,), in table units; None where the
+            truth is not known.
         reason: Why this layout was asked about, Markdown.
     """
 
@@ -57,11 +62,13 @@ class RoundView:
     candidate_var: Array
     asked: int
     robot_placement: Array
-    wish: Array
+    rival_map: Array
+    rival_placement: Array
+    sampled_placements: Array
+    wish: Array | None
     var_bound: float
     deployment_bound: float
-    mean_placement_error: float
-    max_placement_error: float
+    placement_errors: Array | None
     reason: str
 
 

@@ -73,11 +73,13 @@ def round_view(num_demos: int = 1) -> RoundView:
         candidate_var=np.array([0.1, 0.4, 0.2]),
         asked=1,
         robot_placement=np.array([0.5, 0.5]),
+        rival_map=np.add.outer(10.0 * np.arange(5.0), np.arange(5.0)),
+        rival_placement=np.array([0.8, 0.5]),
+        sampled_placements=np.array([[0.5, 0.5], [0.8, 0.5], [0.4, 0.45]]),
         wish=np.array([0.5, 0.6]),
         var_bound=0.2 / num_demos,
         deployment_bound=0.25 if num_demos > 1 else math.inf,
-        mean_placement_error=0.1,
-        max_placement_error=0.3,
+        placement_errors=np.array([0.0, 0.0, 0.1, 0.3]),
         reason="Asked here because candidate 1 is the worst.",
     )
 
