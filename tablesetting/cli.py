@@ -202,6 +202,8 @@ def _program() -> list[str]:
 
 
 def _learn(config: LearnConfig) -> int:
+    # What Rerun would log of a failure is told by our own errors.
+    os.environ.setdefault("RUST_LOG", "off")
     from tqdm import tqdm
 
     from tablesetting.experiments.learn import append_to_session, open_session

@@ -15,6 +15,7 @@ from tablesetting.irl.arrays import Array
 from tablesetting.irl.risk import value_at_risk, var_upper_bound
 from tablesetting.plotting import plot_learning, plot_query
 from tablesetting.results import (
+    RECORDING,
     ROUNDS,
     SUMMARY,
     Row,
@@ -67,7 +68,9 @@ class LearnFiles:
         folder.write_json("certificate.json", certificate_to_json(last))
         figure = plot_learning(read_rows(folder.path / ROUNDS), self._title)
         folder.write("figures/learning.png", figure.savefig)
-        folder.write_json(SUMMARY, self._summary())
+        summary = self._summary()
+        self._record(summary)
+        folder.write_json(SUMMARY, summary)
         folder.write_json(
             NEXT_LAYOUT,
             {
@@ -76,16 +79,25 @@ class LearnFiles:
             },
         )
 
+    def _record(self, summary: Mapping[str, object]) -> None:
+        # The simulator takes seconds to import, while nothing else here needs it.
+        from tablesetting.experiments.learn_recording import record_session
+
+        self._folder.write(
+            RECORDING,
+            lambda path: record_session(
+                path, self._setup, self._config, self._rounds, summary
+            ),
+        )
+
     @property
     def _title(self) -> str:
         return f"place {self._setup.problem.task.item}"
 
     def _shown(self, latest: LearningRound) -> tuple[Array, Array | None]:
         """Return the layout that comes next, and what was demonstrated there."""
-        if latest.num_demos == len(self._setup.demos):
-            return latest.learning.query, None
-        demo = self._setup.demos[latest.num_demos]
-        return demo.layout, demo.placement
+        layout, shown = self._setup.following(latest.num_demos)
+        return (latest.learning.query if layout is None else layout), shown
 
     def _guess(self, latest: LearningRound, layout: Array) -> Array:
         weights = latest.learning.posterior.guessed_weights

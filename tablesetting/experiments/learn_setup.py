@@ -70,6 +70,13 @@ class LearnSetup(Session):
             demos=tuple(demos),
         )
 
+    def following(self, num_demos: int) -> tuple[Array, Array] | tuple[None, None]:
+        """Return layout and placement of the demonstration after so many, if any."""
+        if num_demos == len(self.demos):
+            return None, None
+        demo = self.demos[num_demos]
+        return demo.layout, demo.placement
+
 
 def given_files(config: LearnConfig) -> list[Path]:
     """List the files of layouts that the options name."""

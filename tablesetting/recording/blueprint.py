@@ -13,14 +13,19 @@ _WHOLE_RUN = rr.TimeRange(
 )
 
 
-def run_blueprint() -> rrb.Blueprint:
-    """Arrange a run: the scene on the left, what was learned on the right."""
+def run_blueprint(*, acts: bool) -> rrb.Blueprint:
+    """Arrange a run: the scene on the left, what was learned on the right.
+
+    Args:
+        acts: Whether the arm does, and how it fares is to be seen as well.
+    """
+    learned = _curves("Bound and error over the test layouts", entities.CURVES)
+    arm = [_curves("Execution error", entities.EXECUTION_ERROR), _phases()]
     learning = rrb.Vertical(
-        _curves("Bound and error over the test layouts", entities.CURVES),
+        learned,
         _candidates(),
-        _curves("Execution error", entities.EXECUTION_ERROR),
-        _phases(),
-        row_shares=[6, 5, 5, 2],
+        *(arm if acts else []),
+        row_shares=[6, 5, 5, 2] if acts else [1, 1],
     )
     words = rrb.Tabs(
         rrb.TextDocumentView(origin=entities.ROUND_TEXT, name="Round"),

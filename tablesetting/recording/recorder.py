@@ -38,6 +38,7 @@ class RunRecorder:
         card: RunCard,
         *,
         recording_id: str,
+        acts: bool = True,
         frame: TableFrame | None = None,
     ) -> None:
         """Open the file and log what never changes.
@@ -48,6 +49,7 @@ class RunRecorder:
             card: What is being run.
             recording_id: Tells recordings in one viewer apart; the same run under the
                 same id writes the same content, but for the seconds on its card.
+            acts: Whether the arm does.
             frame: Maps table units to the world; the default table if None.
 
         Raises:
@@ -65,7 +67,7 @@ class RunRecorder:
         )
         self._stream.set_log_time_enabled(False)
         try:
-            self._stream.save(path, default_blueprint=run_blueprint())
+            self._stream.save(path, default_blueprint=run_blueprint(acts=acts))
         except (RuntimeError, UnicodeError) as error:
             raise OutputError(f"cannot write the recording: {error}") from error
         log_card(self._stream, card)

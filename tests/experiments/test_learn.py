@@ -9,6 +9,7 @@ from folder_content import read_folder
 
 from tablesetting.experiments.config import LearnConfig, ModelConfig
 from tablesetting.experiments.options import from_options, to_options
+from tablesetting.recording.story import tell
 from tablesetting.reward.files import (
     LAYOUTS_FORMAT,
     read_demonstrations,
@@ -62,6 +63,15 @@ def test_a_folder_has_weights_bounds_and_the_next_question(learned, recorded):
     assert all(0.0 < float(row["var"]) <= float(row["bound"]) for row in bounds)
     assert [row["num_demos"] for row in content["rounds.csv"]] == ["3", "4"]
     assert {"figures/learning.png", "figures/query_04.png"} <= set(content)
+
+
+def test_the_recording_tells_what_was_demonstrated_and_what_to_ask(learned):
+    story = tell(learned / "recording.rrd")
+    assert "What was demonstrated next. Before it was learned from" in story
+    assert "Worth asking about next, by `active-var` (rank 1 of 8" in story
+    assert "learning error" in story.split("# After 4")[0]
+    assert "learning error" not in story.split("# After 4")[1]
+    assert "test layouts" not in story
 
 
 def test_to_append_is_to_have_had_the_demonstration_from_the_start(
