@@ -369,17 +369,27 @@ def _num_cores() -> int:
 
 
 def _inspect(config: InspectConfig) -> int:
+    from tablesetting.experiments.listing import list_runs
     from tablesetting.recording.screenshot import screenshot
-    from tablesetting.recording.story import tell
+    from tablesetting.recording.story import end_of_round, tell
     from tablesetting.recording.viewer import view
-    from tablesetting.results import RECORDING
+    from tablesetting.results import CONFIG, RECORDING
 
+    is_run = any((config.run / name).exists() for name in (CONFIG, RECORDING))
+    if config.run.is_dir() and not is_run:
+        print(*list_runs(config.run), sep="\n")
+        return 0
     recording = config.run / RECORDING if config.run.is_dir() else config.run
     if config.screenshot is not None:
-        screenshot(recording, config.screenshot, config.at)
+        at = config.at
+        if config.query is not None:
+            at = end_of_round(recording, config.query)
+        screenshot(recording, config.screenshot, at)
         print(f"wrote {config.screenshot}")
         return 0
-    story = tell(recording)  # Refuses what is not a recording, for the viewer, too.
+    story = tell(
+        recording, config.query
+    )  # Refuses what is not a recording, for the viewer, too.
     if config.text:
         print(story)
         return 0

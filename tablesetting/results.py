@@ -240,7 +240,7 @@ def read_json(path: Path, expected_format: str) -> dict[str, Any]:
     Raises:
         InvalidFile: If it cannot be read, is not JSON, or is of another format.
     """
-    content = _load_json(path)
+    content = load_json(path)
     found = content.get("format") if isinstance(content, dict) else None
     if found != expected_format:
         raise InvalidFile(
@@ -255,11 +255,16 @@ def format_of(path: Path) -> object:
     Raises:
         InvalidFile: If it cannot be read or is not JSON.
     """
-    content = _load_json(path)
+    content = load_json(path)
     return content.get("format") if isinstance(content, dict) else None
 
 
-def _load_json(path: Path) -> Any:
+def load_json(path: Path) -> Any:
+    """Read any JSON file.
+
+    Raises:
+        InvalidFile: If it cannot be read or is not JSON.
+    """
     try:
         text = path.read_text(encoding="utf-8")
         return json.loads(text, object_pairs_hook=_without_duplicates)

@@ -403,10 +403,13 @@ class ValidateConfig:
 
 @dataclass(frozen=True)
 class InspectConfig:
-    """Open the recording of a run in the Rerun viewer, or tell it in words."""
+    """Open the recording of a run in the Rerun viewer, or tell it in words.
+
+    Of a folder with runs in it, lists them.
+    """
 
     run: Positional[Path]
-    """A run folder, or a recording."""
+    """A run folder, a recording, or a folder with runs in it."""
     text: bool = False
     """Print the story of the run; needs no viewer."""
     web: bool = False
@@ -415,11 +418,18 @@ class InspectConfig:
     """Render the recording without a display and write a PNG."""
     at: Annotated[float | None, arg(help_behavior_hint="(default: its end)")] = None
     """Time on the recording's clock that the screenshot shows, in seconds."""
+    query: Annotated[int | None, arg(help_behavior_hint="(default: all)")] = None
+    """Number of demonstrations: --text tells the round after them alone, --screenshot
+    shows its end."""
 
     def __post_init__(self) -> None:
         chosen = [self.text, self.web, self.screenshot is not None]
         if sum(chosen) > 1:
             raise ValueError("choose one of --text, --web and --screenshot")
+        if self.query is not None and not (self.text or self.screenshot):
+            raise ValueError("--query goes with --text or --screenshot")
+        if self.query is not None and self.at is not None:
+            raise ValueError("choose one of --at and --query")
         if self.at is not None and not 0.0 <= self.at < math.inf:
             raise ValueError(f"--at must be 0 or more; got {self.at}")
 

@@ -1,5 +1,6 @@
 """The story of a recording, told without a viewer."""
 
+from collections.abc import Collection
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,38 +14,64 @@ _STATE = "StateChange:state"
 _INTERRUPTED = "The run was interrupted: it ends here."
 
 
-def tell(recording: Path) -> str:
+def tell(recording: Path, num_demos: int | None = None) -> str:
     """Tell what happened in a run.
 
     Args:
         recording: File that :class:`~tablesetting.recording.recorder.RunRecorder` wrote.
+        num_demos: Tell the round after so many demonstrations alone; all if None.
 
     Returns:
         Markdown: the run card, then each round with its query, errors, outcome and
         how long each phase of the arm took.
 
     Raises:
-        InvalidFile: If the file is missing, damaged, or records something else.
+        InvalidFile: If the file is missing, damaged, or records something else or no
+            such round.
     """
     source = Recording(recording)
     cards = source.rows(entities.RUN_CARD, _TEXT)
     if not cards:
         raise InvalidFile(f"{recording} does not record a run of this package")
-    sections = [cards[-1].value]
     phases = _durations(source.rows(entities.PHASE, _STATE))
-    for num_demos, text in _last_texts(source).items():
-        sections.append(text)
-        if num_demos in phases:
-            sections.append(f"Phases: {', '.join(phases[num_demos])}")
+    rounds = {
+        count: f"{row.value}\n\nPhases: {', '.join(phases[count])}"
+        if count in phases
+        else str(row.value)
+        for count, row in _last_texts(source).items()
+    }
+    if num_demos is not None:
+        _check_round(recording, rounds, num_demos)
+        return rounds[num_demos]
+    sections = [cards[-1].value, *rounds.values()]
     if not source.is_complete or FIGURES_TITLE not in cards[-1].value:
         sections.append(_INTERRUPTED)
     return "\n\n".join(sections)
 
 
-def _last_texts(source: Recording) -> dict[int, str]:
+def end_of_round(recording: Path, num_demos: int) -> float:
+    """Find when a round was over, on the clock of the run, in [s].
+
+    Raises:
+        InvalidFile: If the file cannot be read, or records no such round.
+    """
+    rounds = _last_texts(Recording(recording))
+    _check_round(recording, rounds, num_demos)
+    return rounds[num_demos].sim_time
+
+
+def _check_round(recording: Path, rounds: Collection[int], num_demos: int) -> None:
+    if num_demos not in rounds:
+        known = ", ".join(map(str, sorted(rounds))) or "none"
+        raise InvalidFile(
+            f"'{recording}' has no round after {num_demos} demonstrations; it has those "
+            f"after {known}"
+        )
+
+
+def _last_texts(source: Recording) -> dict[int, Row]:
     """Take the last word on each round, by its number of demonstrations."""
-    rows = source.rows(entities.ROUND_TEXT, _TEXT)
-    return {row.num_demos: row.value for row in rows}
+    return {row.num_demos: row for row in source.rows(entities.ROUND_TEXT, _TEXT)}
 
 
 def _durations(changes: list[Row]) -> dict[int, list[str]]:

@@ -8,7 +8,7 @@ from sample_run import round_view
 
 from tablesetting.errors import InvalidFile
 from tablesetting.recording import ExecutionView
-from tablesetting.recording.story import tell
+from tablesetting.recording.story import end_of_round, tell
 from tablesetting.recording.text import round_markdown
 from tablesetting.scene.table import TableFrame
 
@@ -71,3 +71,15 @@ def test_a_recording_of_something_else_is_refused(tmp_path):
     stream.disconnect()
     with pytest.raises(InvalidFile, match="does not record a run"):
         tell(path)
+
+
+def test_a_round_is_told_alone_and_its_end_is_known(recorded: Path):
+    story = tell(recorded)
+    first, second = tell(recorded, 1), tell(recorded, 2)
+    assert first in story
+    assert first.startswith("# After 1 demonstration\n")
+    assert second.startswith("# After 2 demonstrations\n")
+    assert 0.0 < end_of_round(recorded, 1) < end_of_round(recorded, 2)
+    for look in (tell, end_of_round):
+        with pytest.raises(InvalidFile, match=r"no round after 9 .*after 1, 2"):
+            look(recorded, 9)

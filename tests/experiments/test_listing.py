@@ -1,0 +1,41 @@
+import json
+
+import pytest
+
+from tablesetting.errors import InvalidFile
+from tablesetting.experiments.listing import list_runs
+
+CONFIG = {"command": "run", "options": {"task": "vase", "strategy": "cvar", "seed": 7}}
+SUMMARY = {
+    "num_demos": 4,
+    "mean_placement_error": 0.01234,
+    "deployment_bound": 0.25,
+    "certified": False,
+}
+
+
+def write(folder, **files):
+    folder.mkdir(parents=True)
+    for name, content in files.items():
+        text = content if isinstance(content, str) else json.dumps(content)
+        (folder / f"{name}.json").write_text(text)
+
+
+def test_every_run_has_a_line_whatever_state_it_is_in(tmp_path):
+    write(tmp_path / "a" / "done", config=CONFIG, summary=SUMMARY)
+    write(tmp_path / "b", config=CONFIG)
+    write(tmp_path / "c", config=CONFIG, summary='{"num_demos": ')
+    write(tmp_path / "d", config="[1]", summary=SUMMARY | {"certified": True})
+    header, *lines = list_runs(tmp_path)
+    assert header.split()[:3] == ["folder", "command", "task"]
+    assert [" ".join(line.split()) for line in lines] == [
+        "a/done run vase cvar 7 4 0.012 0.250 not certified",
+        "b run vase cvar 7 - - - unfinished",
+        "c run vase cvar 7 - - - damaged",
+        "d - - - - 4 0.012 0.250 certified",
+    ]
+
+
+def test_a_folder_without_runs_is_named(tmp_path):
+    with pytest.raises(InvalidFile, match="holds none; name the folder of a run"):
+        list(list_runs(tmp_path))
