@@ -1,6 +1,6 @@
 """The run card: what was run with which settings, and what came of it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import rerun as rr
@@ -29,20 +29,27 @@ def log_card(stream: rr.RecordingStream, card: RunCard) -> None:
         task=card.task, strategy=card.strategy, seed=card.seed, **versions
     )
     stream.send_property("run", properties)
-    log_summary(stream, card, {})
+    log_summary(stream, card, {}, [])
 
 
 def log_summary(
-    stream: rr.RecordingStream, card: RunCard, summary: Mapping[str, object]
+    stream: rr.RecordingStream,
+    card: RunCard,
+    summary: Mapping[str, object],
+    rounds: Sequence[Mapping[str, float | None]],
 ) -> None:
-    """Log the card anew, with the final figures."""
+    """Log the card anew, with the final figures and a row for each round."""
     document = rr.TextDocument(
-        card_markdown(card, summary), media_type=rr.MediaType.MARKDOWN
+        card_markdown(card, summary, rounds), media_type=rr.MediaType.MARKDOWN
     )
     stream.log(RUN_CARD, document, static=True)
 
 
-def card_markdown(card: RunCard, summary: Mapping[str, object]) -> str:
+def card_markdown(
+    card: RunCard,
+    summary: Mapping[str, object],
+    rounds: Sequence[Mapping[str, float | None]] = (),
+) -> str:
     """Write the run card: settings, versions and, at the end, the final figures."""
     settings = {
         "strategy": card.strategy,
@@ -53,6 +60,8 @@ def card_markdown(card: RunCard, summary: Mapping[str, object]) -> str:
     sections = [f"# Task {card.task}", _table("setting", settings), _LEGEND]
     if summary:
         sections += [FIGURES_TITLE, _table("figure", summary)]
+    if rounds:
+        sections += ["## Errors", _table_of_rounds(rounds)]
     sections += ["## Versions", _table("package", card.versions)]
     return "\n\n".join(sections)
 
@@ -61,6 +70,16 @@ def _table(header: str, rows: Mapping[str, object]) -> str:
     lines = [f"| {header} | |", "|---|---|"]
     cells = _flatten(rows)
     return "\n".join(lines + [f"| {key} | {_cell(v)} |" for key, v in cells.items()])
+
+
+def _table_of_rounds(rounds: Sequence[Mapping[str, float | None]]) -> str:
+    """Write a row for each round; columns that no round fills are left out."""
+    columns = [name for name in rounds[0] if any(r[name] is not None for r in rounds)]
+    lines = [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
+    for each in rounds:
+        cells = ("" if each[name] is None else _cell(each[name]) for name in columns)
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
 
 
 def _flatten(rows: Mapping[str, object]) -> dict[str, object]:

@@ -15,6 +15,7 @@ from tablesetting.recording import entities, geometry, rounds
 from tablesetting.recording.blueprint import run_blueprint
 from tablesetting.recording.card import log_card, log_summary
 from tablesetting.recording.phases import log_colors, send_phases
+from tablesetting.recording.text import distance_mm
 from tablesetting.recording.views import ExecutionView, RoundView, RunCard
 from tablesetting.scene.scene import Snapshot
 from tablesetting.scene.table import TableFrame
@@ -60,6 +61,7 @@ class RunRecorder:
         self._frame = TableFrame() if frame is None else frame
         self._clock = 0.0
         self._round: RoundView | None = None
+        self._rows: list[dict[str, float | None]] = []
         self._episode: list[Snapshot] = []
         self._phases: dict[str, None] = {}  # Ordered by first occurrence.
         self._stream = rr.RecordingStream(
@@ -98,6 +100,7 @@ class RunRecorder:
         if self._round is not None:
             self._clock += _PAUSE
         self._round = view
+        self._rows.append(_row_of(view))
         self._set_time()
         rounds.log_round(self._stream, view, self._card.objects, self._frame)
         self._flush()
@@ -141,13 +144,18 @@ class RunRecorder:
         """
         if self._round is None:
             raise ValueError("`log_execution` needs a round; call `log_round` before")
+        self._rows[-1]["execution error [mm]"] = (
+            None
+            if execution.settled is None
+            else distance_mm(self._frame, execution.commanded, execution.settled)
+        )
         self._set_time()
         rounds.log_execution(self._stream, self._round, execution, self._frame)
         self._flush()
 
     def log_summary(self, summary: Mapping[str, object]) -> None:
-        """Add the final figures to the run card."""
-        log_summary(self._stream, self._card, summary)
+        """Add the final figures, and the errors of every round, to the run card."""
+        log_summary(self._stream, self._card, summary, self._rows)
 
     def _set_time(self) -> None:
         self._stream.set_time(entities.SIM_TIME, duration=self._clock)
@@ -195,3 +203,15 @@ class RunRecorder:
             rr.TimeColumn(entities.SIM_TIME, duration=times),
             rr.TimeColumn(entities.NUM_DEMOS, sequence=demos),
         ]
+
+
+def _row_of(view: RoundView) -> dict[str, float | None]:
+    """Return the row of a round in the table of errors."""
+    errors = view.placement_errors
+    return {
+        "demonstrations": view.num_demos,
+        "mean error": None if errors is None else float(errors.mean()),
+        "largest error": None if errors is None else float(errors.max()),
+        "bound": view.deployment_bound,
+        "execution error [mm]": None,
+    }
