@@ -24,8 +24,10 @@ from tablesetting.errors import (
 )
 from tablesetting.experiments.config import (
     DoctorConfig,
+    ExportConfig,
     InspectConfig,
     LearnConfig,
+    ReplayConfig,
     RunConfig,
     ValidateConfig,
 )
@@ -67,6 +69,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         CalibrationStudyConfig: _study,
         ExecutionStudyConfig: _study,
         InspectConfig: _inspect,
+        ReplayConfig: _replay,
+        ExportConfig: _export,
         DoctorConfig: _doctor,
     }
     try:
@@ -94,6 +98,8 @@ def _parse(argv: Sequence[str] | None) -> object:
         "validate": ValidateConfig,
         "study": StudyConfig,
         "inspect": InspectConfig,
+        "replay": ReplayConfig,
+        "export": ExportConfig,
         "doctor": DoctorConfig,
     }
     if arguments[:1] == ["study"]:
@@ -394,6 +400,24 @@ def _inspect(config: InspectConfig) -> int:
         print(story)
         return 0
     view(recording, in_browser=config.web)
+
+
+def _replay(config: ReplayConfig) -> int:
+    from tablesetting.experiments.replay import replay
+
+    found = replay(config.run, config.query)
+    print(found.tell())
+    return 0 if found.is_same else FAILED
+
+
+def _export(config: ExportConfig) -> int:
+    from tablesetting.experiments.export import export
+
+    run = config.run.resolve()
+    out = config.out or run.with_name(f"{run.name}-{config.to}")
+    export(config.run, config.to, out, overwrite=config.overwrite)
+    print(f"wrote {out}")
+    return 0
 
 
 def _doctor(config: DoctorConfig) -> int:

@@ -19,6 +19,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tablesetting import __version__
 from tablesetting.errors import InvalidFile, OutputError
 
@@ -40,6 +42,7 @@ _RUN_FILES = (
     *("comparison.md", "figures/placement.png", "figures/placement.svg"),
     *("calibration.md", "figures/calibration.png"),
     *("execution.md", "figures/execution.png"),
+    *("episodes", "episodes/episode_*.npz"),
     *("next_layout.json", "bounds.csv"),
     *("layouts.csv", "figures/validation.png"),
 )
@@ -247,6 +250,23 @@ def read_json(path: Path, expected_format: str) -> dict[str, Any]:
             f"'{path}' has the format {found!r:.60}; expected '{expected_format}'"
         )
     return dict(content)
+
+
+def read_arrays(path: Path) -> dict[str, "np.ndarray[Any, Any]"]:
+    """Read an archive of arrays; nothing in it is unpickled.
+
+    Raises:
+        InvalidFile: If it cannot be read, or is none.
+    """
+    try:
+        # Opened here: numpy would leave a damaged one open.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except Exception as error:  # A damaged archive raises whatever it likes.
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise InvalidFile(
+            f"cannot read '{path}': {reason}; do the run again"
+        ) from error
 
 
 def format_of(path: Path) -> object:

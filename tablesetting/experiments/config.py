@@ -435,6 +435,31 @@ class InspectConfig:
 
 
 @dataclass(frozen=True)
+class ReplayConfig:
+    """Repeat an executed episode of a run, and say whether it is the same bit for bit."""
+
+    run: Positional[Path]
+    """A run folder."""
+    query: Annotated[int | None, arg(help_behavior_hint="(default: the last)")] = None
+    """After how many demonstrations the episode was."""
+
+
+@dataclass(frozen=True)
+class ExportConfig:
+    """Write a run in a format that other programs read."""
+
+    run: Positional[Path]
+    """A run folder."""
+    to: Literal["lerobot", "csv", "npz"]
+    """Executed episodes as a LeRobot v3 dataset, rounds and demonstrations as tables, or
+    the posterior with the demonstrations as arrays."""
+    out: Annotated[Path | None, arg(help_behavior_hint="(default: RUN-FORMAT)")] = None
+    """New folder."""
+    overwrite: bool = False
+    """Replace an earlier export in the folder."""
+
+
+@dataclass(frozen=True)
 class DoctorConfig:
     """Check that everything that the commands need is there and works."""
 

@@ -5,15 +5,14 @@ from dataclasses import replace
 
 from tablesetting.experiments.arm import Arm, Attempt
 from tablesetting.experiments.config import RunConfig
+from tablesetting.experiments.episodes import Episode, keep
 from tablesetting.experiments.learning import LearningRound, learn
 from tablesetting.experiments.rounds import RunRound, execution_view, round_view
 from tablesetting.experiments.run_files import RunFiles
-from tablesetting.experiments.setup import RunSetup
-from tablesetting.irl.active import Round
-from tablesetting.irl.arrays import Array
+from tablesetting.experiments.setup import RunSetup, arm_rng
 from tablesetting.recording import RunCard, RunRecorder
 from tablesetting.results import RECORDING, SUMMARY, RunFolder, package_versions
-from tablesetting.reward.likelihood import Demonstration
+from tablesetting.scene.scene import Snapshot
 
 
 def run(
@@ -48,7 +47,7 @@ def run(
     with RunRecorder(
         folder.path / RECORDING, arm.scene.model, card, recording_id=recording_id
     ) as recorder:
-        for latest in _learn(config, setup, arm, recorder):
+        for latest in _learn(config, setup, arm, recorder, folder):
             files.add(latest)
             if latest.stopped is not None:
                 summary = files.summarize(latest.stopped)
@@ -60,7 +59,11 @@ def run(
 
 
 def _learn(
-    config: RunConfig, setup: RunSetup, arm: Arm, recorder: RunRecorder
+    config: RunConfig,
+    setup: RunSetup,
+    arm: Arm,
+    recorder: RunRecorder,
+    folder: RunFolder,
 ) -> Iterator[RunRound]:
     """Learn until the budget is spent or the bound is small, on request certified so."""
     problem = setup.problem
@@ -74,7 +77,7 @@ def _learn(
         )
         recorder.log_round(round_view(latest, problem, config.strategy))
         if latest.stopped is None and num_asked < setup.num_executions:
-            attempt = _act(state.learning, setup, arm, recorder)
+            attempt = _act(state, setup, arm, recorder, folder)
             latest = replace(latest, attempt=attempt)
         else:
             arm.scene.lay(state.learning.query)
@@ -99,16 +102,22 @@ def _evaluate(
 
 
 def _act(
-    learning: Round[Array, Demonstration],
+    state: LearningRound,
     setup: RunSetup,
     arm: Arm,
     recorder: RunRecorder,
+    folder: RunFolder,
 ) -> Attempt:
     """Let the arm put the item where the best guess wants it and it fits."""
+    learning, kept = state.learning, list[Snapshot]()
     best_guess = learning.posterior.guessed_weights
     target = setup.problem.best_free_placement(best_guess, learning.query)
-    attempt = arm.place(learning.query, target, recorder.record, rng=setup.arm_rng)
+    rng = arm_rng(setup.arm_seeds, state.num_demos)
+    attempt = arm.place(learning.query, target, keep(recorder.record, kept), rng=rng)
     if attempt.is_refused:
         recorder.show(arm.scene.snapshot())
+    if kept:
+        episode = Episode.of_snapshots(learning.query, target, kept)
+        episode.save(folder, state.num_demos)
     recorder.log_execution(execution_view(attempt))
     return attempt

@@ -19,6 +19,7 @@ from tablesetting.reward.tasks import TASKS
 from tablesetting.reward.teachers import TEACHERS
 
 _NUM_DEPLOYED = 100  # Layouts that the bound is over,
+_ARM_STREAM = 7  # Of randomness, after the seven others of a run.
 _NUM_REFERENCES = 32  # and those of them that strategies think ahead to.
 
 
@@ -83,14 +84,14 @@ class RunSetup(Session):
         first_layout: Where the first demonstration is given, shape (K, 2).
         num_executions: In how many queried layouts the arm acts.
         teacher_rng: Source of the randomness of the first demonstration.
-        arm_rng: Source of that of the arm's senses, and of its props.
+        arm_seeds: Source of that of the arm's senses, and of its props; see `arm_rng`.
     """
 
     validation: ValidationSet
     first_layout: Array
     num_executions: int
     teacher_rng: np.random.Generator
-    arm_rng: np.random.Generator
+    arm_seeds: np.random.SeedSequence
 
     @classmethod
     def of_config(
@@ -109,7 +110,7 @@ class RunSetup(Session):
         """
         defaults = DEFAULTS[config.preset]
         seeds = seeds or np.random.SeedSequence(config.seed)
-        *children, side_seeds, arm_seeds = seeds.spawn(8)
+        *children, side_seeds = seeds.spawn(_ARM_STREAM)
         first_rng, test_rng, loop_rng, deployed_rng, teacher_rng, truth_rng = map(
             np.random.default_rng, children
         )
@@ -141,8 +142,21 @@ class RunSetup(Session):
             rng=loop_rng,
             teacher_rng=teacher_rng,
             side_seeds=side_seeds,
-            arm_rng=np.random.default_rng(arm_seeds),
+            arm_seeds=seeds,
         )
+
+
+def arm_rng(seeds: np.random.SeedSequence, num_demos: int) -> np.random.Generator:
+    """Return what the arm's senses and its props draw from in one round.
+
+    Every round has its own, so that an episode can be repeated alone.
+
+    Args:
+        seeds: Source of all randomness of a run.
+        num_demos: Demonstrations learned from by then.
+    """
+    key = (*seeds.spawn_key, _ARM_STREAM, num_demos)
+    return np.random.default_rng(np.random.SeedSequence(seeds.entropy, spawn_key=key))
 
 
 def problem_settings(config: RunConfig | LearnConfig) -> PlacementConfig:

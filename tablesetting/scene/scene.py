@@ -1,7 +1,7 @@
 """A laid table with its robot: compiled once, posed many times."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final
 
@@ -36,12 +36,16 @@ class Snapshot:
         positions: Origin of every body of the model, shape (nbody, 3), in [m].
         quaternions: Orientation of every body, shape (nbody, 4), as wxyz.
         phase: What the robot is doing, such as "lift".
+        qpos: Position of every joint, shape (nq,).
+        ctrl: What the servos are told, shape (nu,).
     """
 
     time: float
     positions: Array
     quaternions: Array
     phase: str
+    qpos: Array = field(default_factory=lambda: np.empty(0))
+    ctrl: Array = field(default_factory=lambda: np.empty(0))
 
 
 class Scene:
@@ -155,6 +159,8 @@ class Scene:
             positions=self.data.xpos.copy(),
             quaternions=self.data.xquat.copy(),
             phase=phase,
+            qpos=self.data.qpos.copy(),
+            ctrl=self.data.ctrl.copy(),
         )
 
     def position(self, name: str) -> Array:

@@ -41,6 +41,8 @@ def test_a_run_leaves_every_file_of_the_contract(vase_run):
         "demonstrations.json",
         "posterior.npz",
         "recording.rrd",
+        "episodes/episode_01.npz",
+        "episodes/episode_02.npz",
         "figures/learning.png",
         "figures/query_01.png",
         "figures/query_02.png",

@@ -1,0 +1,119 @@
+import csv
+import json
+import socket
+import subprocess
+import warnings
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from rerun.chunk import RrdReader
+
+from tablesetting import cli
+from tablesetting.experiments.episodes import read_episode
+from tablesetting.recording.viewer import LOCAL_ONLY, VIEWER
+from tablesetting.reward.files import read_demonstrations
+
+
+def export(run, form, out, *options):
+    return cli.main(["export", str(run), "--to", form, "--out", str(out), *options])
+
+
+@pytest.fixture(scope="module")
+def dataset(vase_run, tmp_path_factory):
+    out = tmp_path_factory.mktemp("exported") / "lerobot"
+    assert export(vase_run, "lerobot", out) == 0
+    return out
+
+
+def test_demonstrations_come_back_from_their_table(vase_run, tmp_path):
+    out = tmp_path / "out"
+    assert export(vase_run, "csv", out) == 0
+    task, found = read_demonstrations(out / "demonstrations.csv")
+    again, expected = read_demonstrations(vase_run / "demonstrations.json")
+    assert task == again
+    for demo, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(demo.layout, other.layout)
+        np.testing.assert_array_equal(demo.placement, other.placement)
+    with (out / "rounds.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["num_demos"] for row in rows] == ["1", "2", "3"]
+
+
+def test_the_posterior_comes_with_its_demonstrations(vase_run, tmp_path):
+    assert export(vase_run, "npz", tmp_path / "out") == 0
+    found = np.load(tmp_path / "out" / "posterior.npz", allow_pickle=False)
+    assert found["weights"].shape[1] == 13
+    assert found["layouts"].shape == (3, 4, 2)
+    assert found["placements"].shape == (3, 2)
+    assert found["objects"].tolist() == ["plate", "bowl", "glass", "cup"]
+
+
+def test_a_dataset_holds_every_snapshot_of_every_episode(dataset, vase_run):
+    info = json.loads((dataset / "meta" / "info.json").read_text())
+    episodes = [read_episode(vase_run, number) for number in (1, 2)]
+    lengths = [len(each.times) for each in episodes]
+    assert info["codebase_version"] == "v3.0"
+    assert (info["total_episodes"], info["total_frames"]) == (2, sum(lengths))
+    path = info["data_path"].format(chunk_index=0, file_index=0)
+    table = pq.read_table(dataset / path)
+    assert set(table.column_names) == set(info["features"])
+    for name, feature in info["features"].items():
+        first = table[name][0].as_py()
+        assert np.size(first) == feature["shape"][0]
+    assert table["episode_index"].to_pylist() == np.repeat([0, 1], lengths).tolist()
+    assert table["index"].to_pylist() == list(range(sum(lengths)))
+    times = np.array(table["timestamp"].to_pylist()[: lengths[0]])
+    np.testing.assert_allclose(times + 1 / 30, episodes[0].times, atol=0.009)
+    states = np.array(table["observation.state"].to_pylist())
+    actions = np.array(table["action"].to_pylist())
+    assert np.abs(states[:, :6] - actions[:, :6]).max() < 0.2
+    (row,) = pq.read_table(dataset / "meta" / "tasks.parquet").to_pylist()
+    assert row == {"task_index": 0, "task": "Place the vase."}
+
+
+def test_rerun_reads_the_dataset(dataset, vase_run, tmp_path):
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = str(probe.getsockname()[1])
+    file = tmp_path / "read.rrd"
+    command = [str(VIEWER), *LOCAL_ONLY, "--port", port, str(dataset)]
+    done = subprocess.run(
+        [*command, "--save", str(file)], capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    assert "ERROR" not in done.stderr
+    reader = RrdReader(file)
+    assert len(reader.recordings()) == 2
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # It reads the first of the two.
+        chunks = reader.stream().to_chunks()
+    rows = {
+        chunk.entity_path: chunk.to_record_batch().num_rows
+        for chunk in chunks
+        if "Scalars:scalars" in chunk.to_record_batch().schema.names
+    }
+    length = len(read_episode(vase_run, 1).times)
+    expected = ("/action", "/observation.state", "/observation.environment_state")
+    assert rows == dict.fromkeys(expected, length)
+
+
+def test_nothing_is_overwritten_silently(vase_run, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert export(vase_run, "csv", out) == 0
+    assert export(vase_run, "npz", out) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert export(vase_run, "npz", out, "--overwrite") == 0
+    assert [path.name for path in out.iterdir()] == ["posterior.npz"]
+    (out / "mine.txt").write_text("mine")
+    assert export(vase_run, "csv", out, "--overwrite") == 2
+    assert (out / "mine.txt").exists()
+
+
+def test_what_cannot_be_exported_leaves_no_folder(tmp_path, vase_run, capsys):
+    out = tmp_path / "out"
+    for form in ("csv", "npz", "lerobot"):
+        assert export(tmp_path / "no", form, out) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert list(tmp_path.iterdir()) == []
