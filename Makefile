@@ -6,7 +6,7 @@ INSTALLED := $(VENV)/.installed
 IN_PARALLEL := -q -n auto --maxprocesses 4 --dist worksteal  # each worker compiles a scene
 
 .DEFAULT_GOAL := help
-.PHONY: help install run test test-slow format check bench picture execution \
+.PHONY: help install run test test-slow format check bench docs picture execution \
   reproduction clean
 
 help:  ## List the targets.
@@ -45,6 +45,11 @@ check: $(INSTALLED)  ## Check format, lint, types and layers.
 
 bench: $(INSTALLED)  ## Measure speed and memory.
 	$(BIN)/python benchmarks/run.py
+
+docs: $(INSTALLED)  ## Build the documentation, to docs/_build/index.html.
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	$(BIN)/sphinx-build -q -W --keep-going -b html docs docs/_build
+	@echo "open docs/_build/index.html"
 
 picture: $(INSTALLED)  ## Draw the pictures of a run and of the arm anew (needs Vulkan and EGL).
 	$(BIN)/tablesetting run vase --seed 0 --out runs/picture --overwrite

@@ -8,11 +8,12 @@ import pytest
 
 from tablesetting.reward.files import read_demonstrations, read_layouts
 from tablesetting.reward.layout import LayoutSpace
-from tablesetting.reward.tasks import VASE
+from tablesetting.reward.tasks import FOOTPRINTS, VASE
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = sorted((ROOT / "docs" / "examples").glob("*.py"))
-PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]
+TOLD = [ROOT / "docs" / "tutorial.md", *sorted((ROOT / "docs" / "howto").glob("*.md"))]
+PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
@@ -41,6 +42,31 @@ def test_the_environments_of_the_docs_can_be_made():
     assert len(snippets) == 2
     for snippet in snippets:
         exec(snippet, {})
+
+
+@pytest.mark.parametrize("page", TOLD, ids=lambda path: path.stem)
+def test_the_snippets_of_a_page_run_one_after_the_other(
+    page, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(FOOTPRINTS, "candle", FOOTPRINTS["cup"])  # Gone afterwards.
+    snippets = re.findall(r"```python\n(.*?)```", page.read_text(), flags=re.DOTALL)
+    assert len(snippets) > 1
+    names: dict[str, object] = {}
+    for snippet in snippets:
+        exec(snippet, names)
+    assert capsys.readouterr().out.strip()
+
+
+def test_the_reference_has_every_public_module():
+    text = (ROOT / "docs" / "reference.md").read_text()
+    listed = re.findall(r"automodule:: ([\w.]+)", text)
+    found = [
+        path.relative_to(ROOT).with_suffix("").as_posix().replace("/", ".")
+        for path in (ROOT / "tablesetting").rglob("*.py")
+        if not path.stem.startswith("_") and path.parent.name != "__pycache__"
+    ]
+    assert set(listed) == set(found) - {"tablesetting.cli"}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)

@@ -3,8 +3,10 @@
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from tablesetting.errors import InvalidFile
 from tablesetting.irl.arrays import Array
@@ -38,7 +40,7 @@ class Episode:
     times: Array
     qpos: Array
     ctrl: Array
-    phases: "np.ndarray[tuple[int, ...], np.dtype[np.str_]]"
+    phases: npt.NDArray[Any]
 
     @classmethod
     def of_snapshots(

@@ -3,7 +3,7 @@
 SIM_TIME = "sim_time"
 """Timeline of the whole run, in [s]: the episodes follow one another."""
 NUM_DEMOS = "num_demos"
-"""Timeline of learning: demonstrations learned from so far."""
+"""Timeline of what was learned, in demonstrations learned from so far."""
 
 WORLD = "/world"
 BODIES = f"{WORLD}/bodies"

@@ -102,8 +102,8 @@ def square_optima(weights: Array, centers: Array, widths: Array) -> Optima:
 def climb_margins(weights: Array, widths: Array, pitch: float) -> Array:
     """Bound twice how far optima are above the nearest point of the grid, shape (N,).
 
-    No second derivative of a reward exceeds 2 |w|_1 / width, and no point is further
-    from the grid than half a diagonal of its cells.
+    No second derivative of a reward exceeds twice the L1 norm of its weights over the
+    width, and no point is further from the grid than half a diagonal of its cells.
     """
     return np.abs(weights).sum(axis=1) * (pitch**2 / widths.min())
 
