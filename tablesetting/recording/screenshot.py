@@ -53,6 +53,23 @@ def screenshot(
         raise OutputError(f"cannot write '{output}': {error.strerror}") from error
 
 
+def complaints(recording: Path, sim_time: float | None = None) -> list[str]:
+    """List what the viewer has to complain of, view by view, at a moment of a run.
+
+    Args:
+        recording: File to show.
+        sim_time: Moment of the run, in [s]; its end if None.
+
+    Raises:
+        NoViewer: If there is no graphics driver, or the viewer does not answer.
+    """
+    with _headless_viewer((800, 600)) as viewer:
+        _show(viewer, recording, sim_time)
+        _settled_picture(viewer)
+        views = viewer.get_state().views
+    return [f"{view.name}: {report}" for view in views for report in view.reports]
+
+
 @contextmanager
 def _headless_viewer(size: tuple[int, int]) -> Iterator[ViewerClient]:
     port = _free_port()

@@ -1,10 +1,13 @@
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib.image
 import pytest
+from sample_run import CARD, episode, round_view
 
 from tablesetting.errors import InvalidFile
-from tablesetting.recording.screenshot import screenshot
+from tablesetting.recording import RunRecorder
+from tablesetting.recording.screenshot import complaints, screenshot
 from tablesetting.recording.viewer import NoViewer
 
 
@@ -17,6 +20,18 @@ def test_a_picture_shows_the_run(recorded: Path, tmp_path):
     picture = matplotlib.image.imread(output)
     assert picture.shape[:2] == (600, 800)
     assert picture[100:300, 50:400].std() > 0.05
+
+
+@pytest.mark.parametrize("person", [{}, {"wish": None, "placement_errors": None}])
+def test_no_view_has_anything_to_complain_of(model, tmp_path, person):
+    path = tmp_path / "recording.rrd"
+    with RunRecorder(path, model, CARD, recording_id="a", acts=not person) as recorder:
+        recorder.log_round(replace(round_view(2), **person))
+        recorder.show(next(episode(model)))
+    try:
+        assert complaints(path) == []
+    except NoViewer as error:
+        pytest.skip(str(error))
 
 
 def test_a_missing_recording_is_refused_before_a_viewer_starts(tmp_path):
