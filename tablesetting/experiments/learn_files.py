@@ -181,15 +181,14 @@ class LearnFiles:
         marked = {"robot's wish": self._guess(latest, layout)}
         if shown is not None:
             marked["demonstrated next"] = shown
-        demos = f"{latest.num_demos} demonstration{'s' * (latest.num_demos > 1)}"
+        after = f"after {latest.num_demos} demonstration{'s' * (latest.num_demos > 1)}"
         figure = plot_query(
             problem.reward_map(
                 latest.learning.posterior.guessed_weights, layout, _MAP_SIZE
             ),
             problem.space.outlines(layout),
             marked,
-            f"{self._title}: after {demos}"
-            + (", to ask next" if shown is None else ""),
+            f"{after}: ask here next" if shown is None else f"{self._title}: {after}",
         )
         name = f"figures/query_{latest.num_demos:02d}.png"
         self._folder.write(name, figure.savefig)
