@@ -29,8 +29,8 @@ def export(run: Path, form: str, out: Path, *, overwrite: bool) -> None:
         OutputError: If the folder is taken or cannot be written.
     """
     if out.exists() and not (overwrite and _is_export(out)):
-        remedy = "--overwrite" if _is_export(out) else "it is no export"
-        raise OutputError(f"'{out}' exists already; choose another --out ({remedy})")
+        remedy = " or pass --overwrite" if _is_export(out) else ""
+        raise OutputError(f"'{out}' exists already; choose another --out{remedy}")
     temporary = out.with_name(f".{os.getpid()}-{out.name}")
     try:
         temporary.mkdir(parents=True)
