@@ -9,7 +9,7 @@ import shlex
 import shutil
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -82,10 +82,39 @@ def main(argv: Sequence[str] | None = None) -> int:
     except TableSettingError as error:
         print(f"error: {error}", file=sys.stderr)
         return FAILED
+    except _Stopped as stop:
+        return stop.code
     except BrokenPipeError:
         # Nobody reads on; what Python still holds back must not complain either.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
+
+
+class _Stopped(Exception):
+    """Work was begun and broken off, which has been told already."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(code)
+        self.code = code
+
+
+@contextlib.contextmanager
+def _telling_why_it_stops(progress: Callable[[], str]) -> Iterator[None]:
+    """Tell how far the work got if it is interrupted, or why it cannot go on.
+
+    Args:
+        progress: Says what is kept, and how to go on.
+    """
+    try:
+        yield
+    except (KeyboardInterrupt, SystemError) as error:
+        if not is_interruption(error):
+            raise
+        print(f"interrupted; {progress()}", file=sys.stderr)
+        raise _Stopped(INTERRUPTED) from error
+    except OutputError as error:  # The folder could be written at the start.
+        print(f"error: {error}", file=sys.stderr)
+        raise _Stopped(FAILED) from error
 
 
 def _parse(argv: Sequence[str] | None) -> object:
@@ -167,11 +196,15 @@ def _run(config: RunConfig) -> int:
         overwrite=config.overwrite,
     )
     num_rounds, doubts = 0, list[str]()
+
+    def progress() -> str:
+        return f"{num_rounds} finished round{'s' * (num_rounds != 1)} in {out}"
+
     with opened as folder:
         if config.resume and (out / SUMMARY).exists():
             print(f"finished already: {out}")
             return 0
-        try:
+        with _telling_why_it_stops(progress):
             _load_kernels()
             with (
                 contextlib.closing(run(config, setup, folder)) as rounds,
@@ -182,13 +215,6 @@ def _run(config: RunConfig) -> int:
                     doubts = latest.state.doubts if latest.stopped else []
                     bar.update()
                     bar.write(latest.describe())
-        except KeyboardInterrupt:
-            rounds_done = f"{num_rounds} finished round{'s' * (num_rounds != 1)}"
-            print(f"interrupted; {rounds_done} in {out}", file=sys.stderr)
-            return INTERRUPTED
-        except OutputError as error:  # The folder could be written at the start.
-            print(f"error: {error}", file=sys.stderr)
-            return FAILED
     print("not certified:" if doubts else "certified: see certificate.json")
     for doubt in doubts:
         print(f"  {doubt}")
@@ -215,41 +241,29 @@ def _learn(config: LearnConfig) -> int:
     from tablesetting.experiments.learn import append_to_session, open_session
     from tablesetting.experiments.learn_story import tell_learned
 
-    is_append = config.append is not None
-    out = config.demos if is_append else config.out or _learn_folder(config)
-    opened = append_to_session(config) if is_append else open_session(config, out)
+    if config.append is not None:
+        out, opened = config.demos, append_to_session(config)
+    else:
+        out = config.out or _new_folder(Path("runs", "learn"), config.demos.stem)
+        opened = open_session(config, out)
     with opened as session:
-        try:
+        num_demos = len(session.setup.demos)
+        kept = (
+            f"{num_demos} demonstrations are kept in {shlex.quote(str(out))}; give the "
+            "same command and --resume"
+        )
+        with _telling_why_it_stops(lambda: kept):
             _load_kernels()
             with (
                 contextlib.closing(session.learn()) as rounds,
-                tqdm(
-                    total=len(session.setup.demos), unit="demonstration", disable=None
-                ) as bar,
+                tqdm(total=num_demos, unit="demonstration", disable=None) as bar,
             ):
                 for latest in rounds:
                     bar.update(latest.num_demos - bar.n)
-        except (KeyboardInterrupt, SystemError) as error:
-            if not is_interruption(error):
-                raise
-            print(
-                f"interrupted; {len(session.setup.demos)} demonstrations are kept in "
-                f"{shlex.quote(str(out))}; give the same command and --resume",
-                file=sys.stderr,
-            )
-            return INTERRUPTED
-        except OutputError as error:  # The folder could be written at the start.
-            print(f"error: {error}", file=sys.stderr)
-            return FAILED
     print(*tell_learned(latest, out), sep="\n")
     again = [*_program(), "learn", str(out), "--append", "next", "X,Y"]
     print(f"learn from the answer with: {shlex.join(again)}")
     return 0
-
-
-def _learn_folder(config: LearnConfig) -> Path:
-    """Name a folder after the demonstrations."""
-    return _new_folder(Path("runs", "learn"), config.demos.stem)
 
 
 def _validate(config: ValidateConfig) -> int:
@@ -271,31 +285,25 @@ def _validate(config: ValidateConfig) -> int:
         overwrite=config.overwrite,
     )
     num_done, num_ordered = 0, config.execute * len(validation.rewards)
-    with opened as folder:
-        try:
-            num_jobs = config.jobs or _num_cores()
-            is_quiet = None if num_ordered else True
-            with (
-                contextlib.closing(
-                    write_validation(validation, folder, num_jobs)
-                ) as counts,
-                tqdm(total=num_ordered, unit="placement", disable=is_quiet) as bar,
-            ):
-                for num_done in counts:
-                    bar.update(num_done - bar.n)
-            lines = finish_validation(validation, folder)
-        except (KeyboardInterrupt, SystemError) as error:
-            if not is_interruption(error):
-                raise
-            print(
-                f"interrupted; {num_done} of {num_ordered} executions are in "
-                f"{shlex.quote(str(out))}; {_resume_advice(out)}",
-                file=sys.stderr,
-            )
-            return INTERRUPTED
-        except OutputError as error:  # The folder could be written at the start.
-            print(f"error: {error}", file=sys.stderr)
-            return FAILED
+
+    def progress() -> str:
+        return (
+            f"{num_done} of {num_ordered} executions are in {shlex.quote(str(out))}; "
+            f"{_resume_advice(out)}"
+        )
+
+    with opened as folder, _telling_why_it_stops(progress):
+        num_jobs = config.jobs or _num_cores()
+        is_quiet = None if num_ordered else True
+        with (
+            contextlib.closing(
+                write_validation(validation, folder, num_jobs)
+            ) as counts,
+            tqdm(total=num_ordered, unit="placement", disable=is_quiet) as bar,
+        ):
+            for num_done in counts:
+                bar.update(num_done - bar.n)
+        lines = finish_validation(validation, folder)
     print(*lines, sep="\n")
     return 0
 
@@ -316,7 +324,17 @@ def _study(config: TrialsConfig) -> int:
     open_study = StudyFolder.merge if is_merge else StudyFolder.open
     with open_study(config, out) as study:
         num_before, num_trials = len(study.rows), study.num_trials
-        try:
+
+        def progress() -> str:
+            advice = (
+                "merge again, with --overwrite" if is_merge else _resume_advice(out)
+            )
+            return (
+                f"{len(study.rows)} of {num_trials} trials are in "
+                f"{shlex.quote(str(out))}; {advice}"
+            )
+
+        with _telling_why_it_stops(progress):
             if study.unfinished:
                 _load_kernels()  # Lest every process compile them.
             with (
@@ -332,21 +350,6 @@ def _study(config: TrialsConfig) -> int:
                     if bar.disable and _is_tenth(num_done, num_trials):
                         print(f"{num_done} of {num_trials} trials", flush=True)
             lines = finish_study(study)
-        except (KeyboardInterrupt, SystemError) as error:
-            if not is_interruption(error):
-                raise
-            advice = (
-                "merge again, with --overwrite" if is_merge else _resume_advice(out)
-            )
-            print(
-                f"interrupted; {len(study.rows)} of {num_trials} trials are in "
-                f"{shlex.quote(str(out))}; {advice}",
-                file=sys.stderr,
-            )
-            return INTERRUPTED
-        except OutputError as error:  # The folder could be written at the start.
-            print(f"error: {error}", file=sys.stderr)
-            return FAILED
     print(*lines, sep="\n")
     return 0
 
@@ -393,9 +396,8 @@ def _inspect(config: InspectConfig) -> int:
         screenshot(recording, config.screenshot, at)
         print(f"wrote {config.screenshot}")
         return 0
-    story = tell(
-        recording, config.query
-    )  # Refuses what is not a recording, for the viewer, too.
+    # Refuses what is not a recording, for the viewer, too.
+    story = tell(recording, config.query)
     if config.text:
         print(story)
         return 0
