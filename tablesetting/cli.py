@@ -183,7 +183,7 @@ def _run(config: RunConfig) -> int:
     from tablesetting.experiments.run_files import run_settings
     from tablesetting.experiments.setup import RunSetup
     from tablesetting.irl.netcdf import require_netcdf
-    from tablesetting.results import RECORDING, SUMMARY
+    from tablesetting.results import RECORDING, SUMMARY, load_json
 
     setup = RunSetup.of_config(config)
     out = config.out or _new_folder(Path("runs", "run"), config.task)
@@ -202,8 +202,10 @@ def _run(config: RunConfig) -> int:
 
     with opened as folder:
         if config.resume and (out / SUMMARY).exists():
-            print(f"finished already: {out}")
-            return 0
+            summary = load_json(out / SUMMARY)
+            is_certified = isinstance(summary, dict) and summary.get("certified") is True
+            print(f"finished already, {'' if is_certified else 'not '}certified: {out}")
+            return 0 if is_certified or not config.require_certificate else FAILED
         with _telling_why_it_stops(progress):
             _load_kernels()
             with (

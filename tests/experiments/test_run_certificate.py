@@ -147,6 +147,14 @@ def test_a_missing_certificate_is_a_failure_where_it_is_required(tmp_path, capsy
     assert "not certified:\n  the bound" in capsys.readouterr().out
     assert not certificate_of(tmp_path / "run")["certified"]
     assert content_of(tmp_path / "run", "summary.json")["stopped"] == "budget"
+    assert start(tmp_path / "run", *options, "--resume") == 1
+    assert "finished already, not certified" in capsys.readouterr().out
+
+
+def test_a_certificate_that_is_required_may_be_there_already(certified_run):
+    options = ("--epsilon", "2", "--delta", "0.1", "--num-queries", "3")
+    resumed = (*options, "--require-certificate", "--resume")
+    assert start(certified_run, *resumed, preset=MIXED) == 0
 
 
 def test_a_run_asks_on_for_a_certificate_that_is_required(tmp_path):
