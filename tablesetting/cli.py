@@ -1,6 +1,7 @@
 """Learn where a person wants things on a table, and bound how wrong that is."""
 
 import contextlib
+import errno
 import io
 import itertools
 import os
@@ -88,6 +89,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Nobody reads on; what Python still holds back must not complain either.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        print(f"error: '{error.filename!s:.60}...': {error.strerror}", file=sys.stderr)
+        return BAD_INPUT
 
 
 class _Stopped(Exception):
@@ -203,7 +209,9 @@ def _run(config: RunConfig) -> int:
     with opened as folder:
         if config.resume and (out / SUMMARY).exists():
             summary = load_json(out / SUMMARY)
-            is_certified = isinstance(summary, dict) and summary.get("certified") is True
+            is_certified = (
+                isinstance(summary, dict) and summary.get("certified") is True
+            )
             print(f"finished already, {'' if is_certified else 'not '}certified: {out}")
             return 0 if is_certified or not config.require_certificate else FAILED
         with _telling_why_it_stops(progress):
@@ -245,14 +253,14 @@ def _learn(config: LearnConfig) -> int:
 
     if config.append is not None:
         out, opened = config.demos, append_to_session(config)
+        advice = "give the same command and --resume"
     else:
         out = config.out or _new_folder(Path("runs", "learn"), config.demos.stem)
-        opened = open_session(config, out)
+        opened, advice = open_session(config, out), _resume_advice(out)
     with opened as session:
         num_demos = len(session.setup.demos)
         kept = (
-            f"{num_demos} demonstrations are kept in {shlex.quote(str(out))}; give the "
-            "same command and --resume"
+            f"{num_demos} demonstrations are kept in {shlex.quote(str(out))}; {advice}"
         )
         with _telling_why_it_stops(lambda: kept):
             _load_kernels()

@@ -27,6 +27,7 @@ from tablesetting.errors import InvalidFile, OutputError
 CONFIG = "config.json"
 ROUNDS = "rounds.csv"
 SUMMARY = "summary.json"
+CERTIFICATE = "certificate.json"
 RECORDING = "recording.rrd"
 
 CONFIG_FORMAT = "tablesetting-config/1"
@@ -37,7 +38,7 @@ Row = Mapping[str, str]
 _RUN_FILES = (
     *(CONFIG, ROUNDS, SUMMARY, RECORDING),
     *("weights.json", "demonstrations.json", "posterior.npz", "posterior.nc"),
-    *("certificate.json", "audit.csv"),
+    *(CERTIFICATE, "audit.csv"),
     *("figures", "figures/learning.png", "figures/query_*.png"),
     *("comparison.md", "figures/placement.png", "figures/placement.svg"),
     *("calibration.md", "figures/calibration.png"),
@@ -101,18 +102,21 @@ class RunFolder:
             ) from error
         return cls(path)
 
-    def clear(self, *, overwrite: bool, remedy: str = "") -> None:
+    def clear(
+        self, *, overwrite: bool, command: str | None = None, remedy: str = ""
+    ) -> None:
         """Empty the folder; what is lost by that has to be an earlier run.
 
         Args:
             overwrite: Whether an earlier run may be removed.
+            command: The command that it has to be of; any if None.
             remedy: What else to advise where it may not.
 
         Raises:
             OutputError: If there is one and it may not, or there is something else.
         """
         try:
-            _clear(self.path, overwrite=overwrite, remedy=remedy)
+            _clear(self.path, overwrite=overwrite, command=command, remedy=remedy)
         except OSError as error:
             raise OutputError(
                 f"cannot write to '{self.path}': {_reason(error)}; choose another --out"
@@ -147,6 +151,11 @@ class RunFolder:
             for found in self.path.glob(name):
                 if found.is_file() and found.name != CONFIG:
                     found.unlink()
+
+    def remove(self, *names: str) -> None:
+        """Remove files, if they are there."""
+        for name in names:
+            (self.path / name).unlink(missing_ok=True)
 
     def remove_leftovers(self) -> None:
         """Remove what a kill left half written; nobody else may be writing."""
@@ -321,7 +330,7 @@ def _reason(error: OSError) -> str:
     return error.strerror or str(error)
 
 
-def _clear(path: Path, *, overwrite: bool, remedy: str) -> None:
+def _clear(path: Path, *, overwrite: bool, command: str | None, remedy: str) -> None:
     """Remove an earlier run, and nothing but a run."""
     if not all(_is_leftover(found) for found in path.iterdir()):
         if not overwrite:
@@ -329,7 +338,7 @@ def _clear(path: Path, *, overwrite: bool, remedy: str) -> None:
                 f"'{path}' exists already; {remedy}choose another --out or pass "
                 "--overwrite"
             )
-        foreign = _first_foreign(path)
+        foreign = _first_foreign(path, command)
         if foreign is not None:
             raise OutputError(
                 f"'{path}' is not overwritten, because {foreign}; choose another --out"
@@ -350,14 +359,16 @@ def _is_leftover(path: Path) -> bool:
     )
 
 
-def _first_foreign(path: Path) -> str | None:
-    """Say why a folder is more than a run, or none; None for a mere run."""
+def _first_foreign(path: Path, command: str | None) -> str | None:
+    """Say why a folder is more than a run of a command, or none; None for a mere run."""
     if path.is_symlink():
         return "it is a link"
     try:
-        read_json(path / CONFIG, CONFIG_FORMAT)
+        found = read_json(path / CONFIG, CONFIG_FORMAT).get("command")
     except InvalidFile:
         return "it holds no run"
+    if command is not None and found != command:
+        return f"it holds what {found!r:.60} wrote, not {command!r}"
     for found in path.rglob("*"):
         name = found.relative_to(path).as_posix()
         is_known = any(fnmatch.fnmatchcase(name, known) for known in _RUN_FILES)

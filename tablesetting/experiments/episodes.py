@@ -13,7 +13,7 @@ from tablesetting.irl.arrays import Array
 from tablesetting.planner.execute import Execution
 from tablesetting.planner.goal import Refusal
 from tablesetting.results import RunFolder, read_arrays
-from tablesetting.scene.scene import Snapshot
+from tablesetting.scene.scene import Scene, Snapshot
 
 FOLDER = "episodes"
 FRAME_RATE = 30.0
@@ -63,6 +63,20 @@ class Episode:
             f"{FOLDER}/{_name(num_demos)}",
             lambda path: np.savez_compressed(path, **arrays),
         )
+
+    def check_scene(self, scene: Scene) -> None:
+        """Refuse an episode that is of another model.
+
+        Raises:
+            InvalidFile: If it has other joints or servos.
+        """
+        found = (self.qpos.shape[1], self.ctrl.shape[1])
+        expected = (scene.model.nq, scene.model.nu)
+        if found != expected:
+            raise InvalidFile(
+                "the episode has {} joint positions and {} servos, the scene {} and "
+                "{}; do the run again".format(*found, *expected)
+            )
 
 
 def keep(
@@ -134,8 +148,8 @@ def _check(episode: Episode) -> None:
         "layout": (len(episode.layout), 2),
         "commanded": (2,),
         "times": (num,),
-        "qpos": (num, *episode.qpos.shape[1:2]),
-        "ctrl": (num, *episode.ctrl.shape[1:2]),
+        "qpos": (num, episode.qpos.shape[1]),
+        "ctrl": (num, episode.ctrl.shape[1]),
         "phases": (num,),
     }
     for name, shape in shapes.items():

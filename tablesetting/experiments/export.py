@@ -1,6 +1,7 @@
 """A run in formats that other programs read."""
 
 import csv
+import json
 import os
 import shutil
 from collections.abc import Callable, Mapping, Sequence
@@ -10,31 +11,53 @@ from typing import Any
 import numpy as np
 
 from tablesetting.errors import InvalidFile, OutputError
-from tablesetting.results import ROUNDS, read_arrays, read_rows
+from tablesetting.results import (
+    CONFIG,
+    ROUNDS,
+    SUMMARY,
+    RunFolder,
+    load_json,
+    read_arrays,
+    read_json,
+    read_rows,
+)
 from tablesetting.reward.demonstration_table import columns_of
 from tablesetting.reward.files import DEMONSTRATIONS, read_demonstrations
+
+EXPORT_FORMAT = "tablesetting-export/1"
+
+_MARK = "export.json"
 
 
 def export(run: Path, form: str, out: Path, *, overwrite: bool) -> None:
     """Write a run into a new folder, which gets its name once it is complete.
 
     Args:
-        run: Folder of the run.
+        run: Folder of the run, which is finished.
         form: One of `FORMS`.
         out: The new folder.
         overwrite: Whether an earlier export there may be replaced.
 
     Raises:
         InvalidFile: If the run lacks what is to be exported.
-        OutputError: If the folder is taken or cannot be written.
+        OutputError: If the folder is taken or cannot be written, or the run is being
+            written.
     """
-    if out.exists() and not (overwrite and _is_export(out)):
-        remedy = " or pass --overwrite" if _is_export(out) else ""
-        raise OutputError(f"'{out}' exists already; choose another --out{remedy}")
+    out = out.resolve()
+    if out.exists():
+        is_export = _is_export(out)
+        if not (overwrite and is_export):
+            remedy = " or pass --overwrite" if is_export else ""
+            raise OutputError(f"'{out}' exists already; choose another --out{remedy}")
+    if not (run / CONFIG).exists():
+        raise InvalidFile(f"'{run}' is no run; name the folder of one")
     temporary = out.with_name(f".{os.getpid()}-{out.name}")
     try:
-        temporary.mkdir(parents=True)
-        FORMS[form](run, temporary)
+        with RunFolder(run).locked():
+            _check_finished(run)
+            temporary.mkdir(parents=True)
+            FORMS[form](run, temporary)
+        _mark(temporary, form)
         if out.exists():
             shutil.rmtree(out)
         temporary.rename(out)
@@ -47,10 +70,39 @@ def export(run: Path, form: str, out: Path, *, overwrite: bool) -> None:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
+def _check_finished(run: Path) -> None:
+    """Refuse a run whose files may not be of the same demonstrations."""
+    summary = load_json(run / SUMMARY) if (run / SUMMARY).exists() else None
+    count = summary.get("num_demos") if isinstance(summary, dict) else None
+    if count is None or len(read_demonstrations(run / DEMONSTRATIONS)[1]) != count:
+        raise InvalidFile(
+            f"'{run}' is not finished, or holds no demonstrations; go on with it by "
+            "--resume, or name a run that has them"
+        )
+
+
+def _files(path: Path) -> list[str]:
+    """List what a folder holds at any depth, but for folders."""
+    found = (each for each in path.rglob("*") if each.is_symlink() or not each.is_dir())
+    return sorted(each.relative_to(path).as_posix() for each in found)
+
+
+def _mark(path: Path, form: str) -> None:
+    """Write down what was exported, so that nothing else is ever replaced."""
+    content = {"format": EXPORT_FORMAT, "form": form, "files": _files(path)}
+    (path / _MARK).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
 def _is_export(path: Path) -> bool:
     """Tell whether a folder holds nothing but what was exported."""
-    known = {ROUNDS, "demonstrations.csv", "posterior.npz", "meta", "data"}
-    return path.is_dir() and {found.name for found in path.iterdir()} <= known
+    try:
+        exported = read_json(path / _MARK, EXPORT_FORMAT).get("files")
+    except InvalidFile:
+        return False
+    return isinstance(exported, list) and set(_files(path)) <= {
+        _MARK,
+        *map(str, exported),
+    }
 
 
 def _export_csv(run: Path, out: Path) -> None:

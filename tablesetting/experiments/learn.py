@@ -1,26 +1,30 @@
 """Learn from recorded demonstrations, in a folder that more can be added to."""
 
 import contextlib
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tablesetting.errors import InvalidFile
+from tablesetting.errors import InvalidFile, OutputError
 from tablesetting.experiments.config import LearnConfig
 from tablesetting.experiments.learn_files import NEXT_LAYOUT, LearnFiles
 from tablesetting.experiments.learn_setup import LearnSetup, given_files, parse_place
 from tablesetting.experiments.learning import LearningRound
-from tablesetting.experiments.opening import hash_file, open_folder
+from tablesetting.experiments.opening import first_difference, hash_file, open_folder
 from tablesetting.experiments.options import from_options, to_options
 from tablesetting.irl.active import learn_from
+from tablesetting.irl.arrays import Array
 from tablesetting.irl.strategies import STRATEGIES
 from tablesetting.results import (
+    CERTIFICATE,
     CONFIG,
     CONFIG_FORMAT,
+    SUMMARY,
     RunFolder,
+    load_json,
     package_versions,
     read_json,
 )
@@ -33,6 +37,7 @@ from tablesetting.reward.files import (
 from tablesetting.reward.likelihood import Demonstration
 from tablesetting.reward.tasks import PlacementTask
 
+_PARTS = ("options", "resolved", "versions")
 _OF_ONE_CALL = ("append", "out", "resume", "overwrite")
 
 
@@ -61,14 +66,12 @@ class RecordedSession:
         """
         setup, before = self.setup, None
         files = LearnFiles(self.folder, self.config, setup)
-        problem = setup.problem
-        is_whole = self.config.curve or problem.config.mcmc.starts_at_map
         rounds = learn_from(
-            problem,
+            setup.problem,
             setup.demos,
             STRATEGIES[self.config.strategy],
-            problem.config.risk,
-            first=1 if is_whole else max(len(setup.demos) - 1, 1),
+            setup.problem.config.risk,
+            first=setup.first,
             rng=setup.rng,
         )
         for learning in rounds:
@@ -91,11 +94,19 @@ def open_session(config: LearnConfig, out: Path) -> Iterator[RecordedSession]:
         InvalidFile: If a file cannot be used.
         OutputError: If the folder is taken, or cannot be written.
     """
+    if config.demos.is_dir():
+        raise InvalidFile(
+            f"'{config.demos}' is a folder; name a file of demonstrations, or add one to "
+            "the folder with --append next X,Y"
+        )
     task, demos = read_demonstrations(config.demos)
     setup = LearnSetup.of_config(config, task, demos)
-    settings = _settings(config, task)
     opened = open_folder(
-        out, settings, resume=config.resume, overwrite=config.overwrite
+        out,
+        _settings(config, task),
+        resume=config.resume,
+        overwrite=config.overwrite,
+        check=lambda: _refuse_loss(out, len(demos)),
     )
     with opened as folder:
         if config.resume and (out / DEMONSTRATIONS).exists():
@@ -112,7 +123,8 @@ def append_to_session(config: LearnConfig) -> Iterator[RecordedSession]:
     """Add a demonstration to a folder, and go on there.
 
     Raises:
-        InvalidFile: If the folder is of no such session, or it is no demonstration.
+        InvalidFile: If the folder is of no such session or what it was made with has
+            changed, or it is no demonstration.
         OutputError: If the folder cannot be written.
     """
     assert config.append is not None
@@ -123,22 +135,54 @@ def append_to_session(config: LearnConfig) -> Iterator[RecordedSession]:
     with folder.locked():
         folder.remove_leftovers()
         task, demos = read_demonstrations(path / DEMONSTRATIONS)
-        layout_file = path / NEXT_LAYOUT if where == "next" else Path(where)
-        layouts = read_layouts(layout_file, task.objects)
-        if len(layouts) != 1:
-            raise InvalidFile(
-                f"'{layout_file}' holds {len(layouts)} layouts; give that of the "
-                "demonstration alone"
-            )
-        latest = Demonstration(layouts[0], placement)
+        latest = Demonstration(_layout_of(path, where, task), placement)
+        # An asked layout may have been followed by the next one already.
         is_there = np.array_equal(demos[-1].placement, placement) and (
             where == "next" or np.array_equal(demos[-1].layout, latest.layout)
         )
-        if not (config.resume and is_there):
+        is_learned = _is_learned(path, len(demos))
+        _check_answer(config, demos[-1], is_there=is_there, is_learned=is_learned)
+        if is_learned:
             demos.append(latest)
         setup = LearnSetup.of_config(settings, task, demos)
         _keep(folder, task, demos)
         yield RecordedSession(settings, setup, folder)
+
+
+def _layout_of(path: Path, where: str, task: PlacementTask) -> Array:
+    """Return the layout of an answer, that was asked about or is in a file."""
+    file = path / NEXT_LAYOUT if where == "next" else Path(where)
+    layouts = read_layouts(file, task.objects)
+    if len(layouts) != 1:
+        raise InvalidFile(
+            f"'{file}' holds {len(layouts)} layouts; give that of the demonstration "
+            "alone"
+        )
+    return layouts[0]
+
+
+def _check_answer(
+    config: LearnConfig, last: Demonstration, *, is_there: bool, is_learned: bool
+) -> None:
+    """Refuse an answer if it is not clear whether it is a new one."""
+    x, y = last.placement
+    if is_learned and config.resume and is_there:
+        raise InvalidFile(
+            f"the last demonstration in '{config.demos}' is at {x},{y} as well, and is "
+            "learned from; leave out --resume if this is another one"
+        )
+    if not is_learned and not (config.resume and is_there):
+        raise InvalidFile(
+            f"the last demonstration in '{config.demos}', at {x},{y}, is not learned "
+            "from yet; give that one again, with --resume"
+        )
+
+
+def _is_learned(path: Path, num_demos: int) -> bool:
+    """Tell whether the results in a folder are of all its demonstrations."""
+    summary = path / SUMMARY
+    content = load_json(summary) if summary.exists() else None
+    return isinstance(content, dict) and content.get("num_demos") == num_demos
 
 
 def read_settings(path: Path) -> LearnConfig:
@@ -151,34 +195,51 @@ def read_settings(path: Path) -> LearnConfig:
     try:
         if content.get("command") != "learn":
             raise ValueError(f"its command is {content.get('command')!r:.60}")
-        if not isinstance(content.get("options"), dict):
-            raise ValueError("it has no options")
-        return from_options(LearnConfig, content["options"])
+        if not all(isinstance(content.get(part), dict) for part in _PARTS):
+            raise ValueError(f"it lacks one of {', '.join(_PARTS)}")
+        config = from_options(LearnConfig, content["options"])
     except ValueError as error:
         raise InvalidFile(
             f"'{path / CONFIG}' is not of a session of `learn`: {error}; name the "
             "folder of one"
         ) from error
+    # Where the demonstrations came from does not matter any more.
+    now = content["resolved"] | _hashes(given_files(config))
+    expected = content | {"resolved": now, "versions": package_versions()}
+    if difference := first_difference(content, expected):
+        raise InvalidFile(
+            f"'{path}' was made with {difference}; rows of both are not mixed: learn "
+            f"anew from '{path / DEMONSTRATIONS}', with another --out"
+        )
+    return config
 
 
 def _settings(config: LearnConfig, task: PlacementTask) -> dict[str, Any]:
     """Return the content of config.json; its paths hold from anywhere."""
-    absolute = {
-        name: str(Path(getattr(config, name)).resolve())
-        for name in ("candidates", "layouts")
-        if getattr(config, name) in map(str, given_files(config))
-    }
-    named = [config.demos, *given_files(config)]
+    files = {"demos": config.demos, **given_files(config)}
+    absolute = {option: str(path.resolve()) for option, path in files.items()}
     return {
         "format": CONFIG_FORMAT,
         "command": "learn",
         "options": to_options(config, _OF_ONE_CALL) | absolute,
-        "resolved": {
-            "task": task.name,
-            "sha256": {str(path): hash_file(path) for path in named},
-        },
+        "resolved": {"task": task.name, **_hashes(files)},
         "versions": package_versions(),
     }
+
+
+def _hashes(files: Mapping[str, Path]) -> dict[str, str]:
+    """Return what tells whether files that options name are the same."""
+    return {f"{option}_sha256": hash_file(path) for option, path in files.items()}
+
+
+def _refuse_loss(out: Path, num_demos: int) -> None:
+    """Refuse to replace a folder in which there is more than is learned from now."""
+    path = out / DEMONSTRATIONS
+    if path.exists() and len(there := read_demonstrations(path)[1]) > num_demos:
+        raise OutputError(
+            f"'{out}' is not overwritten, because {len(there) - num_demos} more "
+            "demonstrations were appended there; choose another --out"
+        )
 
 
 def _keep(
@@ -186,3 +247,5 @@ def _keep(
 ) -> None:
     """Write the demonstrations first: they are what cannot be computed again."""
     folder.write_json(DEMONSTRATIONS, demonstrations_to_json(demos, task))
+    # Nothing there may claim to be of all of them before it is.
+    folder.remove(SUMMARY, CERTIFICATE)

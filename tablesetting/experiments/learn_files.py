@@ -15,6 +15,7 @@ from tablesetting.irl.arrays import Array
 from tablesetting.irl.risk import value_at_risk, var_upper_bound
 from tablesetting.plotting import plot_learning, plot_query
 from tablesetting.results import (
+    CERTIFICATE,
     RECORDING,
     ROUNDS,
     SUMMARY,
@@ -36,7 +37,7 @@ _MAP_SIZE = 96
 
 
 class LearnFiles:
-    """Writes a session into its folder; what was there stays until the end."""
+    """Writes a session into its folder, most of it at the end."""
 
     def __init__(self, folder: RunFolder, config: LearnConfig, setup: LearnSetup):
         self._folder = folder
@@ -53,7 +54,7 @@ class LearnFiles:
             self._draw(latest)
 
     def finish(self) -> None:
-        """Write what was learned; the layout to ask about comes last."""
+        """Write what was learned; the summary, which says of how many, comes last."""
         folder, last = self._folder, self._rounds[-1]
         problem, posterior = self._setup.problem, last.learning.posterior
         rows = [self._row(index) for index in range(len(self._rounds))]
@@ -65,19 +66,14 @@ class LearnFiles:
             "weights.json", weights_to_json(weights, problem.task, widths)
         )
         folder.write_rows(list(self._bounds()), _BOUNDS)
-        folder.write_json("certificate.json", certificate_to_json(last))
         figure = plot_learning(read_rows(folder.path / ROUNDS), self._title)
         folder.write("figures/learning.png", figure.savefig)
         summary = self._summary()
         self._record(summary)
+        asked = layout_to_json(last.learning.query, problem.task.objects)
+        folder.write_json(NEXT_LAYOUT, {"format": LAYOUTS_FORMAT, "layouts": [asked]})
+        folder.write_json(CERTIFICATE, certificate_to_json(last))
         folder.write_json(SUMMARY, summary)
-        folder.write_json(
-            NEXT_LAYOUT,
-            {
-                "format": LAYOUTS_FORMAT,
-                "layouts": [layout_to_json(last.learning.query, problem.task.objects)],
-            },
-        )
 
     def _record(self, summary: Mapping[str, object]) -> None:
         # The simulator takes seconds to import, while nothing else here needs it.

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tablesetting.errors import InvalidFile
+from tablesetting.errors import InvalidFile, InvalidLayout
 from tablesetting.experiments.config import LearnConfig
 from tablesetting.experiments.setup import Session, problem_settings
 from tablesetting.irl.arrays import Array
@@ -25,9 +25,11 @@ class LearnSetup(Session):
 
     Attributes:
         demos: What was demonstrated, in its order.
+        first: From how many of them to learn first.
     """
 
     demos: tuple[Demonstration, ...]
+    first: int
 
     @classmethod
     def of_config(
@@ -43,7 +45,8 @@ class LearnSetup(Session):
             demos: The demonstrations in their order, at least one.
 
         Raises:
-            InvalidFile: If a file of layouts cannot be used.
+            InvalidFile: If a file of layouts cannot be used, or no candidate can be
+                made of a demonstrated layout.
         """
         seeds = np.random.SeedSequence(config.seed)
         loop_seeds, deployed_seeds, side_seeds = seeds.spawn(3)
@@ -58,6 +61,11 @@ class LearnSetup(Session):
             candidates=_candidates(config, task),
             deployment=layouts[:_NUM_REFERENCES],
         )
+        # All but the last tell whether that was foretold.
+        is_whole = config.curve or settings.mcmc.starts_at_map
+        first = 1 if is_whole else max(len(demos) - 1, 1)
+        if settings.candidates == "one-moved":
+            _check_moves(problem.space, demos, first)
         return cls(
             problem=problem,
             validation=None,
@@ -68,6 +76,7 @@ class LearnSetup(Session):
             rng=np.random.default_rng(loop_seeds),
             side_seeds=side_seeds,
             demos=tuple(demos),
+            first=first,
         )
 
     def following(self, num_demos: int) -> tuple[Array, Array] | tuple[None, None]:
@@ -78,14 +87,14 @@ class LearnSetup(Session):
         return demo.layout, demo.placement
 
 
-def given_files(config: LearnConfig) -> list[Path]:
-    """List the files of layouts that the options name."""
+def given_files(config: LearnConfig) -> dict[str, Path]:
+    """Return the files of layouts that options name, by option."""
     words = (None, "any", "one-moved", "valid", "uniform")
-    return [
-        Path(named)
-        for named in (config.candidates, config.layouts)
-        if named not in words
-    ]
+    return {
+        option: Path(str(getattr(config, option)))
+        for option in ("candidates", "layouts")
+        if getattr(config, option) not in words
+    }
 
 
 def _deployment(
@@ -103,9 +112,23 @@ def _deployment(
 
 
 def _candidates(config: LearnConfig, task: PlacementTask) -> Array | None:
-    if config.candidates in (None, "any", "one-moved"):
-        return None
-    return read_layouts(Path(str(config.candidates)), task.objects)
+    path = given_files(config).get("candidates")
+    return None if path is None else read_layouts(path, task.objects)
+
+
+def _check_moves(
+    space: LayoutSpace, demos: Sequence[Demonstration], first: int
+) -> None:
+    """Refuse layouts that stay impossible whatever object is moved."""
+    rng = np.random.default_rng(0)
+    for index, demo in enumerate(demos[first - 1 :], start=first - 1):
+        try:
+            space.sample_one_moved(demo.layout, 1, rng=rng)
+        except InvalidLayout as error:
+            raise InvalidFile(
+                f"demonstration {index} leads to no candidates, as {error}; pass "
+                "--candidates any, or --points"
+            ) from error
 
 
 def parse_place(text: str) -> Array:

@@ -69,6 +69,7 @@ def write_dataset(run: Path, out: Path) -> None:
 
 
 def _frames(episode: Episode, scene: Scene) -> dict[str, Array]:
+    episode.check_scene(scene)
     robot = scene.robot
     places = [episode.qpos[:, scene.pose_slice(n)][:, :3] for n in scene.body_ids]
     jaw = episode.qpos[:, robot.jaw_qpos].mean(axis=1, keepdims=True)

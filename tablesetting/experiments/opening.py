@@ -2,7 +2,7 @@
 
 import contextlib
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,12 @@ from tablesetting.results import CONFIG, CONFIG_FORMAT, RunFolder, read_json
 
 @contextlib.contextmanager
 def open_folder(
-    path: Path, settings: Mapping[str, Any], *, resume: bool, overwrite: bool
+    path: Path,
+    settings: Mapping[str, Any],
+    *,
+    resume: bool,
+    overwrite: bool,
+    check: Callable[[], None] = lambda: None,
 ) -> Iterator[RunFolder]:
     """Open a folder with its settings written; nobody else writes to it meanwhile.
 
@@ -20,29 +25,41 @@ def open_folder(
         path: Where it is, or is to be.
         settings: Content of its config.json, as it will be read back.
         resume: Whether to go on there, if it has the same settings.
-        overwrite: Whether an earlier run there may be replaced.
+        overwrite: Whether an earlier run there, of the same command, may be replaced.
+        check: Raises if it must not be replaced even so.
 
     Raises:
         OutputError: If something else is there, or it cannot be written.
         InvalidFile: If what is there has other settings, or cannot be read.
     """
     folder = RunFolder.make(path)
+    command = str(settings["command"])
     with folder.locked():
         is_run = (path / CONFIG).exists()
         if resume and is_run:
             found = read_json(path / CONFIG, CONFIG_FORMAT)
             if difference := first_difference(found, settings):
-                kind = str(settings["command"]).partition(" ")[0]
                 raise InvalidFile(
-                    f"'{path}' holds a {kind} with {difference}; its rows are not "
-                    "mixed with others: choose another --out"
+                    f"'{path}' holds a `{found.get('command')!s:.60}` with {difference}; "
+                    "its rows are not mixed with others: choose another --out"
                 )
             folder.remove_leftovers()  # What a kill cut short goes.
         else:
-            remedy = "go on with it by --resume, " if is_run else ""
-            folder.clear(overwrite=overwrite, remedy=remedy)
+            if overwrite:
+                check()
+            is_same = is_run and _command_of(path) == command
+            remedy = "go on with it by --resume, " if is_same else ""
+            folder.clear(overwrite=overwrite, command=command, remedy=remedy)
             folder.write_json(CONFIG, settings)
         yield folder
+
+
+def _command_of(path: Path) -> object:
+    """Return the command that a folder is of; None if that cannot be read."""
+    try:
+        return read_json(path / CONFIG, CONFIG_FORMAT).get("command")
+    except InvalidFile:
+        return None
 
 
 def hash_file(path: Path) -> str:

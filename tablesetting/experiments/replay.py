@@ -21,6 +21,8 @@ from tablesetting.results import CONFIG, CONFIG_FORMAT, package_versions, read_j
 from tablesetting.reward.tasks import TASKS
 from tablesetting.scene.scene import Snapshot
 
+_COMPARED = ("times", "qpos", "ctrl", "phases")
+
 
 @dataclass(frozen=True)
 class Replay:
@@ -44,7 +46,7 @@ class Replay:
         again = self.repeated
         return again is not None and all(
             np.array_equal(getattr(self.original, name), getattr(again, name))
-            for name in ("times", "qpos", "ctrl", "phases")
+            for name in _COMPARED
         )
 
     def tell(self) -> str:
@@ -73,7 +75,10 @@ class Replay:
         if again is None:
             return 0.0
         num = min(len(again.times), len(self.original.times))
-        is_other = (self.original.qpos[:num] != again.qpos[:num]).any(axis=1)
+        is_other = np.zeros(num, dtype=bool)
+        for name in _COMPARED:
+            there, here = (getattr(each, name)[:num] for each in (self.original, again))
+            is_other |= (there != here).reshape(num, -1).any(axis=1)
         first = int(is_other.argmax()) if is_other.any() else num - 1
         return float(self.original.times[first])
 
@@ -94,6 +99,7 @@ def replay(run: Path, num_demos: int | None = None) -> Replay:
     original = read_episode(run, num_demos)
     task = TASKS[config.task]
     arm = Arm(task.objects, task.item, config.arm)
+    original.check_scene(arm.scene)
     kept: list[Snapshot] = []
     seeds = np.random.SeedSequence(config.seed)
     try:

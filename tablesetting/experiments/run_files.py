@@ -21,6 +21,7 @@ from tablesetting.irl.arrays import Array
 from tablesetting.irl.netcdf import save_netcdf
 from tablesetting.plotting import plot_learning, plot_query
 from tablesetting.results import (
+    CERTIFICATE,
     CONFIG_FORMAT,
     ROUNDS,
     RunFolder,
@@ -99,7 +100,7 @@ class RunFiles:
         """Write certificate and curves; return the final figures."""
         last = self._rounds[-1]
         certificate = certificate_to_json(last.state)
-        self._folder.write_json("certificate.json", certificate)
+        self._folder.write_json(CERTIFICATE, certificate)
         summary = {
             "task": self._config.task,
             "strategy": self._config.strategy,

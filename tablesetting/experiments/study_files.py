@@ -87,8 +87,9 @@ class StudyFolder:
             )
         folder = RunFolder.make(path)
         with folder.locked():
-            folder.clear(overwrite=config.overwrite)
-            folder.write_json(CONFIG, describe(merged))
+            settings = describe(merged)
+            folder.clear(overwrite=config.overwrite, command=settings["command"])
+            folder.write_json(CONFIG, settings)
             yield cls(folder, merged, rows)
 
     @property

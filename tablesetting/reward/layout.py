@@ -109,7 +109,12 @@ class LayoutSpace:
     def sample(self, num_layouts: int, *, rng: np.random.Generator) -> Array:
         """Draw layouts uniformly from the possible ones, shape (L, K, 2)."""
         shape = (_BATCH, len(self.objects), 2)
-        return self._collect(num_layouts, lambda: rng.random(shape))
+        return self._collect(
+            num_layouts,
+            lambda: rng.random(shape),
+            f"{', '.join(self.objects)} hardly fit on the table together; take fewer or "
+            "smaller objects",
+        )
 
     def sample_one_moved(
         self, layout: Array, num_layouts: int, *, rng: np.random.Generator
@@ -123,6 +128,9 @@ class LayoutSpace:
 
         Returns:
             Layouts, shape (L, K, 2).
+
+        Raises:
+            InvalidLayout: If no move that leads to a possible one is found.
         """
 
         def propose() -> Array:
@@ -131,7 +139,9 @@ class LayoutSpace:
             layouts[np.arange(_BATCH), moved] = rng.random((_BATCH, 2))
             return layouts
 
-        return self._collect(num_layouts, propose)
+        return self._collect(
+            num_layouts, propose, "no move of one object makes all stand apart"
+        )
 
     def outlines(self, layout: Array) -> dict[str, Array]:
         """Return points around each object, for drawing.
@@ -155,7 +165,9 @@ class LayoutSpace:
             if i < j
         ]
 
-    def _collect(self, num_layouts: int, propose: Callable[[], Array]) -> Array:
+    def _collect(
+        self, num_layouts: int, propose: Callable[[], Array], failure: str
+    ) -> Array:
         """Draw batches until enough layouts are possible."""
         kept: list[Array] = []
         num_misses = 0
@@ -164,10 +176,7 @@ class LayoutSpace:
             kept.extend(found)
             num_misses = 0 if len(found) else num_misses + 1
             if num_misses == _MAX_MISSES:
-                raise InvalidLayout(
-                    f"{', '.join(self.objects)} hardly fit on the table together; "
-                    "take fewer or smaller objects"
-                )
+                raise InvalidLayout(failure)
         return np.stack(kept[:num_layouts])
 
     def _possible(self, layouts: Array) -> Array:

@@ -1,5 +1,6 @@
 import csv
 import json
+import shutil
 import socket
 import subprocess
 import warnings
@@ -12,6 +13,7 @@ from rerun.chunk import RrdReader
 from tablesetting import cli
 from tablesetting.experiments.episodes import read_episode
 from tablesetting.recording.viewer import LOCAL_ONLY, VIEWER
+from tablesetting.results import RunFolder
 from tablesetting.reward.files import read_demonstrations
 
 
@@ -65,11 +67,31 @@ def test_a_dataset_holds_every_snapshot_of_every_episode(dataset, vase_run):
     assert table["index"].to_pylist() == list(range(sum(lengths)))
     times = np.array(table["timestamp"].to_pylist()[: lengths[0]])
     np.testing.assert_allclose(times + 1 / 30, episodes[0].times, atol=0.009)
-    states = np.array(table["observation.state"].to_pylist())
-    actions = np.array(table["action"].to_pylist())
-    assert np.abs(states[:, :6] - actions[:, :6]).max() < 0.2
     (row,) = pq.read_table(dataset / "meta" / "tasks.parquet").to_pylist()
     assert row == {"task_index": 0, "task": "Place the vase."}
+
+
+def test_a_dataset_has_joints_servos_and_places_as_they_were(
+    dataset, vase_run, compiled_vase_scene
+):
+    table = pq.read_table(dataset / "data" / "chunk-000" / "file-000.parquet")
+    episodes = [read_episode(vase_run, number) for number in (1, 2)]
+    qpos = np.concatenate([each.qpos for each in episodes])
+    ctrl = np.concatenate([each.ctrl for each in episodes])
+    model = compiled_vase_scene.model
+    joints = [model.joint(f"jaco/joint_{k}").qposadr[0] for k in range(1, 7)]
+    state = np.array(table["observation.state"].to_pylist())
+    np.testing.assert_array_equal(state[:, :6], qpos[:, joints].astype(np.float32))
+    action = np.array(table["action"].to_pylist())
+    np.testing.assert_array_equal(action, ctrl[:, :7].astype(np.float32))
+    vase = model.joint("vase/").qposadr[0]
+    places = np.array(table["observation.environment_state"].to_pylist())
+    assert any(
+        np.array_equal(
+            places[:, k : k + 3], qpos[:, vase : vase + 3].astype(np.float32)
+        )
+        for k in range(0, places.shape[1], 3)
+    )
 
 
 def test_rerun_reads_the_dataset(dataset, vase_run, tmp_path):
@@ -98,16 +120,50 @@ def test_rerun_reads_the_dataset(dataset, vase_run, tmp_path):
     assert rows == dict.fromkeys(expected, length)
 
 
-def test_nothing_is_overwritten_silently(vase_run, tmp_path, capsys):
+def test_nothing_but_an_export_is_overwritten(vase_run, tmp_path, capsys):
     out = tmp_path / "out"
-    assert export(vase_run, "csv", out) == 0
+    assert export(vase_run, "lerobot", out) == 0
     assert export(vase_run, "npz", out) == 2
     assert "--overwrite" in capsys.readouterr().err
+    mine = out / "data" / "chunk-000" / "mine.parquet"
+    mine.write_text("mine")
+    assert export(vase_run, "npz", out, "--overwrite") == 2
+    assert mine.read_text() == "mine"
+    mine.unlink()
     assert export(vase_run, "npz", out, "--overwrite") == 0
-    assert [path.name for path in out.iterdir()] == ["posterior.npz"]
-    (out / "mine.txt").write_text("mine")
-    assert export(vase_run, "csv", out, "--overwrite") == 2
-    assert (out / "mine.txt").exists()
+    assert sorted(path.name for path in out.iterdir()) == [
+        "export.json",
+        "posterior.npz",
+    ]
+    own = tmp_path / "own"
+    own.mkdir()
+    (own / "rounds.csv").write_text("mine")
+    for place in (own, "."):
+        assert export(vase_run, "csv", place, "--overwrite") == 2
+        assert "--overwrite" not in capsys.readouterr().err
+    assert (own / "rounds.csv").read_text() == "mine"
+
+
+def test_a_run_that_is_not_finished_is_not_exported(vase_run, tmp_path, capsys):
+    run, out = shutil.copytree(vase_run, tmp_path / "run"), tmp_path / "out"
+    with RunFolder(run).locked():
+        assert export(run, "csv", out) == 2
+        assert "another process" in capsys.readouterr().err
+    (run / "summary.json").unlink()
+    for form in ("csv", "npz", "lerobot"):
+        assert export(run, form, out) == 2
+        assert "--resume" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_names_that_no_file_can_have_are_refused_in_one_line(vase_run, capsys):
+    name = "n" * 300
+    for argv in (
+        ["export", str(vase_run), "--to", "csv", "--out", name],
+        *([command, name] for command in ("inspect", "replay", "learn", "validate")),
+    ):
+        assert cli.main(argv) == 2
+        assert capsys.readouterr().err.count("\n") == 1
 
 
 def test_what_cannot_be_exported_leaves_no_folder(tmp_path, vase_run, capsys):

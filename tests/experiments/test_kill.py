@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -43,22 +44,33 @@ def weights(tmp_path_factory):
     return str(path)
 
 
-def start(argv, out):
+def start(argv):
     """Start a command in a process group of its own."""
-    command = [sys.executable, quick_cli.__file__, *argv, "--out", str(out)]
+    command = [sys.executable, quick_cli.__file__, *argv]
     quiet = subprocess.DEVNULL
     return subprocess.Popen(
         command, stdout=quiet, stderr=subprocess.PIPE, start_new_session=True, text=True
     )
 
 
-def finish(argv, out):
+def finish(argv):
     """Carry a command out; return the seconds that it took."""
     started = time.monotonic()
-    process = start(argv, out)
+    process = start(argv)
     error = process.communicate()[1]
     assert process.returncode == 0, error
     return time.monotonic() - started
+
+
+def is_killed(argv, moment):
+    """Carry a command out, and kill it after some seconds unless it has ended."""
+    process = start(argv)
+    try:
+        process.communicate(timeout=moment)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+    return process.returncode == -signal.SIGKILL
 
 
 def check_whole(folder):
@@ -85,38 +97,59 @@ def outcome(folder):
     return content
 
 
-def kill_and_resume(argv, moments, reference, tmp_path):
-    """Kill a command at some moments, one after the other, then let it finish."""
-    out = tmp_path / "killed"
-    resumed = []
-    for moment in moments:
-        process = start([*argv, *resumed], out)
-        try:
-            process.communicate(timeout=moment)
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate()
-        if out.exists():
-            check_whole(out)
-        resumed = ["--resume"]
-    finish([*argv, "--resume"], out)
-    assert outcome(out) == reference
-    leftovers = [path for path in out.rglob(".*") if path.is_file()]
-    assert not leftovers
+def check_outcome(folder, reference):
+    assert outcome(folder) == reference
+    assert not [path for path in folder.rglob(".*") if path.is_file()]
 
 
 def kill_often(name, weights, tmp_path, num_kills):
+    """Kill a command at some moments, one after the other, then let it finish."""
     argv = [weights if word == "WEIGHTS" else word for word in COMMANDS[name]]
-    whole = tmp_path / "whole"
-    duration = finish(argv, whole)
-    rng = np.random.default_rng(len(name))
-    moments = rng.uniform(0.3, 1.0, num_kills) * duration
-    kill_and_resume(argv, moments, outcome(whole), tmp_path)
+    whole, out = tmp_path / "whole", tmp_path / "killed"
+    duration = finish([*argv, "--out", str(whole)])
+    moments = np.random.default_rng(len(name)).uniform(0.3, 0.9, num_kills) * duration
+    argv += ["--out", str(out)]
+    landed = is_killed(argv, moments[0])
+    for moment in moments[1:]:
+        check_whole(out)
+        landed += is_killed([*argv, "--resume"], moment)
+    assert landed
+    check_whole(out)
+    finish([*argv, "--resume"])
+    check_outcome(out, outcome(whole))
+
+
+def kill_appends(tmp_path, num_kills):
+    """Kill a command that adds a demonstration, then let it finish."""
+    learned, whole = tmp_path / "learned", tmp_path / "whole"
+    finish([*COMMANDS["learn"], "--out", str(learned)])
+    shutil.copytree(learned, whole)
+    answer = ["--append", "next", "0.5,0.4"]
+    duration = finish(["learn", str(whole), *answer])
+    moments = np.random.default_rng(0).uniform(0.3, 0.9, num_kills) * duration
+    argv = ["learn", str(learned), *answer, "--resume"]
+    landed = sum(is_killed(argv, moment) for moment in moments)
+    assert landed
+    check_whole(learned)
+    last = start(argv)
+    error = last.communicate()[1]
+    # A kill may have come when all was done.
+    assert last.returncode == 0 or "is learned from" in error
+    check_outcome(learned, outcome(whole))
 
 
 @pytest.mark.parametrize("name", ["learn", "validate"])
 def test_a_killed_command_goes_on_to_the_same_end(name, weights, tmp_path):
     kill_often(name, weights, tmp_path, num_kills=1)
+
+
+def test_a_killed_answer_is_neither_lost_nor_counted_twice(tmp_path):
+    kill_appends(tmp_path, num_kills=1)
+
+
+@pytest.mark.slow
+def test_an_answer_that_is_killed_again_and_again_is_not_either(tmp_path):
+    kill_appends(tmp_path, num_kills=12)
 
 
 @pytest.mark.slow

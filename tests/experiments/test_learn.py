@@ -7,7 +7,10 @@ import pytest
 import quick_cli
 from folder_content import read_folder
 
+from tablesetting import cli
+from tablesetting.experiments import learn, learn_files
 from tablesetting.experiments.config import LearnConfig, ModelConfig
+from tablesetting.experiments.listing import list_runs
 from tablesetting.experiments.options import from_options, to_options
 from tablesetting.recording.story import tell
 from tablesetting.reward.files import (
@@ -95,16 +98,85 @@ def test_to_append_is_to_have_had_the_demonstration_from_the_start(
     assert appended == at_once
 
 
-def test_a_killed_append_is_not_made_twice(learned, capsys):
-    argv = ["learn", str(learned), "--append", "next", "0.5,0.5"]
-    asked = (learned / "next_layout.json").read_text()
-    assert quick_cli.main(argv) == 0
+def test_an_answer_is_pending_until_it_is_learned_from(learned, monkeypatch, capsys):
+    answer = ["--append", "next", "0.5,0.5"]
+    with monkeypatch.context() as broken:
+        broken.setattr(learn_files, "plot_learning", interrupt)
+        assert quick_cli.main(["learn", str(learned), *answer]) == 130
+    error = capsys.readouterr().err
+    assert "5 demonstrations are kept" in error
+    assert "same command and --resume" in error
+    # What was learned before that answer is not to pass for what was learned from it.
+    assert not (learned / "certificate.json").exists()
+    assert "unfinished" in list(list_runs(learned.parent))[1]
+    for other in (answer, ["--append", "next", "0.5,0.6", "--resume"]):
+        assert "at 0.5,0.5, is not learned from" in refusal(capsys, learned, *other)
+    assert cli.main(["export", str(learned), "--to", "csv"]) == 2
+    assert "not finished" in capsys.readouterr().err
+    assert quick_cli.main(["learn", str(learned), *answer, "--resume"]) == 0
+    assert len(read_demonstrations(learned / "demonstrations.json")[1]) == 5
+    assert json.loads((learned / "summary.json").read_text())["num_demos"] == 5
+
+
+def test_the_same_placement_elsewhere_is_another_answer(learned, capsys):
+    answer = ["--append", "next", "0.5,0.5"]
+    assert quick_cli.main(["learn", str(learned), *answer]) == 0
+    error = refusal(capsys, learned, *answer, "--resume")
+    assert "leave out --resume if this is another one" in error
+    assert quick_cli.main(["learn", str(learned), *answer]) == 0
+    _, demos = read_demonstrations(learned / "demonstrations.json")
+    assert len(demos) == 6
+    assert not np.array_equal(demos[-1].layout, demos[-2].layout)
+
+
+def test_answers_are_not_mixed_with_those_of_other_settings(
+    recorded, tmp_path, monkeypatch, capsys
+):
+    rng = np.random.default_rng(0)
+    file = tmp_path / "layouts.json"
+    given = [{name: rng.random(2).tolist() for name in VASE.objects} for _ in range(3)]
+    content = {"format": LAYOUTS_FORMAT, "layouts": given}
+    file.write_text(json.dumps(content))
+    out = tmp_path / "out"
+    argv = ["learn", str(recorded), "--candidates", str(file), "--num-layouts", "10"]
+    assert quick_cli.main([*argv, "--out", str(out)]) == 0
+    answer = ["--append", "next", "0.5,0.5"]
+    with monkeypatch.context() as newer:
+        newer.setattr(learn, "package_versions", lambda: {"mujoco": "9.0.0"})
+        assert "9.0.0" in refusal(capsys, out, *answer)
+    file.write_text(json.dumps(content | {"layouts": given[:2]}))
+    error = refusal(capsys, out, *answer)
+    assert "candidates_sha256" in error
+    assert "demonstrations.json" in error
+
+
+def test_what_was_appended_is_not_overwritten(learned, recorded, capsys):
+    argv = [recorded, *QUICK, "--out", learned]
+    assert quick_cli.main(["learn", str(learned), "--append", "next", "0.5,0.5"]) == 0
+    before = read_folder(learned)
+    assert "1 more demonstrations were" in refusal(capsys, *argv, "--overwrite")
+    assert read_folder(learned) == before
+
+
+def test_a_session_goes_on_however_its_files_are_named(learned, recorded, monkeypatch):
     whole = read_folder(learned)
-    # As if killed before the end, with the demonstration written already.
-    (learned / "next_layout.json").write_text(asked)
-    (learned / "summary.json").unlink()
-    assert quick_cli.main([*argv, "--resume"]) == 0
+    monkeypatch.chdir(recorded.parent)
+    argv = ["learn", recorded.name, *QUICK, "--out", str(learned), "--resume"]
+    assert quick_cli.main(argv, quick_cli.MIXED) == 0
     assert read_folder(learned) == whole
+
+
+def test_candidates_that_cannot_be_made_are_refused_at_once(recorded, tmp_path, capsys):
+    content = json.loads(recorded.read_text())
+    last = content["demonstrations"][-1]["layout"]
+    content["demonstrations"][-1]["layout"] = {name: [0.5, 0.5] for name in last}
+    file, out = tmp_path / "piled.json", tmp_path / "out"
+    file.write_text(json.dumps(content))
+    argv = [file, "--candidates", "one-moved", "--out", out]
+    error = refusal(capsys, *argv)
+    assert "demonstration 3 leads to no candidates" in error
+    assert not out.exists()
+    assert quick_cli.main(["learn", *map(str, argv), *QUICK, "--points"]) == 0
 
 
 def test_a_killed_session_goes_on_and_keeps_what_was_appended(learned, recorded):
@@ -133,6 +205,10 @@ def test_only_given_layouts_are_asked_about(recorded, tmp_path):
     assert quick_cli.main(["learn", str(out), *one]) == 0
 
 
+def interrupt(*_):
+    raise KeyboardInterrupt
+
+
 def refusal(capsys, *argv):
     try:
         code = quick_cli.main(["learn", *map(str, argv)])
@@ -156,6 +232,7 @@ def test_what_cannot_be_learned_from_is_refused_in_one_line(
         ([recorded, "--layouts", "some"], "cannot read 'some'"),
         ([recorded, "--epsilon", "nan"], "--epsilon"),
         ([recorded, "--beta", "3"], "--beta has no effect"),
+        ([recorded.parent], "is a folder"),
     ):
         assert part in refusal(capsys, *argv, "--out", out)
         assert not out.exists()

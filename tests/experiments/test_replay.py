@@ -35,11 +35,16 @@ def test_an_episode_that_went_otherwise_is_told_from_its_start(run, capsys):
     path = run / "episodes" / "episode_02.npz"
     with np.load(path) as arrays:
         content = dict(arrays)
-    content["qpos"][40:] += 1e-12
-    np.savez(path, **content)
-    assert cli.main(["replay", str(run)]) == 1
-    said = capsys.readouterr().out
-    assert f"another way from {content['times'][40]:.2f} s on" in said
+    for name in ("qpos", "ctrl"):
+        changed = content[name].copy()
+        changed[40:] += 1e-12
+        np.savez(path, **content | {name: changed})
+        assert cli.main(["replay", str(run)]) == 1
+        said = capsys.readouterr().out
+        assert f"another way from {content['times'][40]:.2f} s on" in said
+    np.savez(path, **content | {"qpos": content["qpos"][:, 1:]})
+    assert cli.main(["replay", str(run)]) == 2
+    assert "the scene" in capsys.readouterr().err
 
 
 def test_versions_that_differ_are_named(run, capsys):
