@@ -26,6 +26,14 @@ LikelihoodName = Literal["boltzmann", "placement", "auto"]
 TeacherName = Literal["exact", "boltzmann", "noisy", "blundering", "biased", "offset"]
 PresetName = Literal["default", "paper"]
 
+_MOST = {
+    "num_trials": 1_000_000,
+    "num_queries": 10_000,
+    "num_candidates": 1_000_000,
+    "num_layouts": 1_000_000,
+    "jobs": 1_000,
+}
+
 
 def by_preset(default: str, paper: str) -> Any:
     """Say in the help what an option is by default, under either preset."""
@@ -39,6 +47,30 @@ def refuse_below(config: object, **least: int) -> None:
         if value is not None and value < bound:
             option = name.replace("_", "-")
             raise ValueError(f"--{option} must be at least {bound}; got {value}")
+
+
+def refuse_above(config: object) -> None:
+    """Refuse numbers so large that they would fill the memory, as slips are."""
+    for name, bound in _MOST.items():
+        value = getattr(config, name, None)
+        if value is not None and value > bound:
+            option = name.replace("_", "-")
+            raise ValueError(f"--{option} must be at most {bound}; got {value}")
+
+
+def refuse_changed(config: object, names: tuple[str, ...], where: str) -> None:
+    """Refuse options that are not what they are unless told, and would do nothing."""
+    defaults = {each.name: each.default for each in fields(config)}  # type: ignore[arg-type]
+    for name in names:
+        if getattr(config, name) != defaults[name]:
+            option = name.replace("_", "-")
+            raise ValueError(f"--{option} has no effect {where}")
+
+
+def _refuse_number_of_given(config: Any) -> None:
+    """Refuse to say how many layouts are drawn where they are given."""
+    if config.layouts not in (None, "valid", "uniform"):
+        refuse_changed(config, ("num_layouts",), f"with --layouts {config.layouts}")
 
 
 def refuse_bad_resume(config: Any) -> None:
@@ -169,7 +201,7 @@ def refuse_without_effect(preset: PresetName, learning: ModelConfig) -> None:
         "placement": ("beta", "beta_spread"),
         "auto": (),
     }
-    _refuse_changed(
+    refuse_changed(
         learning,
         unused[likelihood],
         f"with the likelihood {likelihood}; leave it out, or choose another --likelihood",
@@ -181,7 +213,7 @@ def refuse_without_effect(preset: PresetName, learning: ModelConfig) -> None:
             "--likelihood must be boltzmann with the paper preset, whose chain is made "
             f"for it; got {learning.likelihood}. Use --preset default --points"
         )
-    _refuse_changed(
+    refuse_changed(
         learning,
         ("target_ess", "max_rhat", "num_steps"),
         "in the paper preset, which has its own model and sampler; leave it out",
@@ -191,14 +223,6 @@ def refuse_without_effect(preset: PresetName, learning: ModelConfig) -> None:
             "--beta-spread must be 0 with the paper preset, whose chain samples weights "
             f"alone; got {learning.beta_spread}"
         )
-
-
-def _refuse_changed(learning: ModelConfig, names: tuple[str, ...], where: str) -> None:
-    """Refuse options that are not what they are unless told, and would do nothing."""
-    for name in names:
-        if getattr(learning, name) != getattr(ModelConfig(), name):
-            option = name.replace("_", "-")
-            raise ValueError(f"--{option} has no effect {where}")
 
 
 @dataclass(frozen=True)
@@ -265,6 +289,7 @@ class RunConfig:
         refuse_below(
             self, num_queries=0, num_candidates=1, num_layouts=1, execute=0, seed=0
         )
+        refuse_above(self)
         if self.epsilon is not None and not 0.0 <= self.epsilon < math.inf:
             raise ValueError(f"--epsilon must be 0 or more; got {self.epsilon}")
         refuse_without_effect(self.preset, self.learning)
@@ -339,11 +364,17 @@ class LearnConfig:
 
     def __post_init__(self) -> None:
         refuse_below(self, num_candidates=1, num_layouts=1, seed=0)
+        refuse_above(self)
         if not 0.0 <= self.epsilon < math.inf:
             raise ValueError(f"--epsilon must be 0 or more; got {self.epsilon}")
         if not 0.0 < self.delta < 1.0:
             raise ValueError(f"--delta must be in (0, 1); got {self.delta}")
         refuse_without_effect(self.preset, self.learning)
+        _refuse_number_of_given(self)
+        if self.candidates not in (None, "any", "one-moved"):
+            refuse_changed(
+                self, ("num_candidates",), f"with --candidates {self.candidates}"
+            )
         if self.append is None:
             refuse_bad_resume(self)
             return
@@ -393,6 +424,8 @@ class ValidateConfig:
                 f"give one or two files of weights; got {len(self.weights)}"
             )
         refuse_below(self, num_layouts=1, execute=0, jobs=1, seed=0)
+        refuse_above(self)
+        _refuse_number_of_given(self)
         refuse_bad_resume(self)
         if self.execute and self.layouts == "uniform":
             raise ValueError(

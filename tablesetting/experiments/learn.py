@@ -76,7 +76,8 @@ class RecordedSession:
         )
         for learning in rounds:
             look = len(learning.demos)
-            before = LearningRound(setup, learning, before, look)
+            known = () if before else files.known_p_values
+            before = LearningRound(setup, learning, before, look, known)
             files.add(before)
             yield before
         files.finish()

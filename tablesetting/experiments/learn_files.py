@@ -1,6 +1,8 @@
 """The files of a session with recorded demonstrations."""
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +24,7 @@ from tablesetting.results import (
     Row,
     RunFolder,
     finite_or_none,
+    numbers,
     read_rows,
 )
 from tablesetting.reward.files import (
@@ -43,8 +46,18 @@ class LearnFiles:
         self._folder = folder
         self._config = config
         self._setup = setup
+        self._earlier = _read_earlier(folder.path / ROUNDS, setup.first)
         self._rounds: list[LearningRound] = []
         self._errors: list[float | None] = []
+
+    @property
+    def known_p_values(self) -> tuple[float, ...]:
+        """How well demonstrations were foretold, as far as that is known already."""
+        cells = [row.get("foretold", "") for row in self._earlier]
+        is_known = bool(
+            cells and cells[-1]
+        )  # Up to the first that is learned from now.
+        return tuple(float(cell) for cell in cells if cell) if is_known else ()
 
     def add(self, latest: LearningRound) -> None:
         """Take a round in, and draw it if it is one of the last two or all are asked."""
@@ -58,7 +71,12 @@ class LearnFiles:
         folder, last = self._folder, self._rounds[-1]
         problem, posterior = self._setup.problem, last.learning.posterior
         rows = [self._row(index) for index in range(len(self._rounds))]
-        folder.write_rows([*self._earlier_rows(rows[0]), *rows])
+        before = [
+            row
+            for row in self._earlier
+            if list(row) == list(rows[0]) and int(row["num_demos"]) < self._setup.first
+        ]
+        folder.write_rows([*before, *rows])
         folder.write("posterior.npz", lambda path: save_posterior(path, posterior))
         weights = posterior.guessed_weights
         widths = problem.config.widths
@@ -66,9 +84,10 @@ class LearnFiles:
             "weights.json", weights_to_json(weights, problem.task, widths)
         )
         folder.write_rows(list(self._bounds()), _BOUNDS)
-        figure = plot_learning(read_rows(folder.path / ROUNDS), self._title)
+        table = read_rows(folder.path / ROUNDS)
+        figure = plot_learning(table, self._title)
         folder.write("figures/learning.png", figure.savefig)
-        summary = self._summary()
+        summary = self._summary(numbers(table, "prediction_error"))
         self._record(summary)
         asked = layout_to_json(last.learning.query, problem.task.objects)
         folder.write_json(NEXT_LAYOUT, {"format": LAYOUTS_FORMAT, "layouts": [asked]})
@@ -113,19 +132,11 @@ class LearnFiles:
             "prediction_error": self._errors[index],
             **posterior_cells(latest),
             "deployment_bound": latest.bound.value,
+            "foretold": latest.fit.foretold[-1] if latest.fit.foretold else None,
             "fit": latest.fit.p_value,
             **seconds_cells(latest.learning),
         }
         return rounded(row)
-
-    def _earlier_rows(self, first: Mapping[str, object]) -> list[Row]:
-        """Read the rows of fewer demonstrations than were learned from now."""
-        path = self._folder.path / ROUNDS
-        rows = read_rows(path) if path.exists() else []
-        if not rows or list(rows[0]) != list(first):
-            return []
-        counts = [str(count) for count in range(1, int(str(first["num_demos"])))]
-        return [row for row in rows if row["num_demos"] in counts]
 
     def _bounds(self) -> Iterator[dict[str, object]]:
         """Yield a row for each layout that the robot will meet."""
@@ -150,8 +161,8 @@ class LearnFiles:
             }
             yield rounded(row)
 
-    def _summary(self) -> dict[str, Any]:
-        last, errors = self._rounds[-1], [e for e in self._errors if e is not None]
+    def _summary(self, errors: Sequence[float]) -> dict[str, Any]:
+        last, errors = self._rounds[-1], [e for e in errors if not math.isnan(e)]
         learning = [each.learning for each in self._rounds]
         return {
             "task": self._setup.problem.task.name,
@@ -188,3 +199,15 @@ class LearnFiles:
         )
         name = f"figures/query_{latest.num_demos:02d}.png"
         self._folder.write(name, figure.savefig)
+
+
+def _read_earlier(path: Path, first: int) -> list[Row]:
+    """Read the rows of up to so many demonstrations; none of a table that is damaged."""
+    rows = read_rows(path) if path.exists() else []
+    try:
+        rows = [row for row in rows if int(row["num_demos"]) <= first]
+        for column in rows[0] if rows else ():
+            numbers(rows, column)
+    except (KeyError, TypeError, ValueError):
+        return []
+    return sorted(rows, key=lambda row: int(row["num_demos"]))

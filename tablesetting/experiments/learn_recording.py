@@ -42,11 +42,10 @@ def record_session(
         objects=task.objects,
         item=task.item,
         versions=package_versions(),
+        acts=False,
     )
     recording_id = f"{task.name}-learn-{config.preset}-{config.seed}"
-    with RunRecorder(
-        path, scene.model, card, recording_id=recording_id, acts=False
-    ) as recorder:
+    with RunRecorder(path, scene.model, card, recording_id=recording_id) as recorder:
         for latest in rounds:
             view = _view(latest, setup, config.strategy)
             recorder.log_round(view)
@@ -99,4 +98,4 @@ def _reason(latest: LearningRound, var: float, is_open: bool, strategy: str) -> 
             f"Worth asking about next, by `{strategy}` (rank {rank} of "
             f"{len(learning.var)} by value at risk): {risk}."
         )
-    return f"What was demonstrated next. Before it was learned from, {risk}."
+    return f"This layout was demonstrated next. Before that was learned from, {risk}."

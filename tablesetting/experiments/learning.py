@@ -26,12 +26,15 @@ class LearningRound:
         learning: Posterior, candidates and query.
         before: The round before; None at the first.
         look: Which look at the bound this is, from 1.
+        known: P-values of what was foretold in rounds that are not at hand any more,
+            the last of them that of the latest demonstration.
     """
 
     setup: Session
     learning: Round[Array, Demonstration]
     before: "LearningRound | None"
     look: int
+    known: tuple[float, ...] = ()
 
     @property
     def num_demos(self) -> int:
@@ -73,7 +76,7 @@ class LearningRound:
         """Whether the demonstrations are such as the model of the person would give."""
         problem, learning = self.setup.problem, self.learning
         rng = self.rng_for(0)
-        foretold: tuple[float, ...] = ()
+        foretold = self.known
         if self.before is not None:
             latest = foretold_p_value(
                 learning.demos[-1],

@@ -18,18 +18,11 @@ from tablesetting.experiments.config import (
     TaskName,
     TeacherName,
     by_preset,
+    refuse_above,
     refuse_bad_resume,
     refuse_below,
     refuse_without_effect,
 )
-
-_MOST = {
-    "num_trials": 1_000_000,
-    "num_queries": 10_000,
-    "num_candidates": 1_000_000,
-    "num_layouts": 1_000_000,
-    "jobs": 1_000,
-}  # More is a slip, and would fill the memory.
 
 
 @dataclass(frozen=True)
@@ -81,11 +74,7 @@ class TrialsConfig(ABC):
             jobs=1,
             seed=0,
         )
-        for name, most in _MOST.items():
-            value = getattr(self, name, None)
-            if value is not None and value > most:
-                option = name.replace("_", "-")
-                raise ValueError(f"--{option} must be at most {most}; got {value}")
+        refuse_above(self)
         for name in ("tasks", self.listed):
             values = getattr(self, name)
             if not values or len(set(values)) < len(values):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tablesetting.errors import InvalidFile, InvalidLayout
-from tablesetting.experiments.config import ValidateConfig
+from tablesetting.experiments.config import ValidateConfig, refuse_changed
 from tablesetting.experiments.opening import hash_file
 from tablesetting.experiments.validation import placements_of
 from tablesetting.irl.arrays import Array
@@ -63,9 +63,10 @@ class Validation:
             _check_task(path, reward.task, task)
         layouts, wanted, layouts_from = _test(config, task)
         if config.execute > len(layouts):
+            remedy = " or raise --num-layouts" * (layouts_from in ("valid", "uniform"))
             raise InvalidFile(
                 f"--execute {config.execute} is more than the {len(layouts)} test "
-                "layouts; lower it or raise --num-layouts"
+                f"layouts; lower it{remedy}"
             )
         _check_possible(task, layouts[: config.execute])
         wanted_by = "the task's truth" if config.against == "truth" else config.against
@@ -123,6 +124,10 @@ def _test(config: ValidateConfig, task: PlacementTask) -> tuple[Array, Array, st
 
 
 def _recorded(config: ValidateConfig, task: PlacementTask) -> tuple[Array, Array, str]:
+    try:
+        refuse_changed(config, ("num_layouts",), f"with --against {config.against}")
+    except ValueError as error:
+        raise InvalidFile(str(error)) from error
     if config.layouts is not None:
         raise InvalidFile(
             f"--layouts {config.layouts} cannot go with --against {config.against}, "

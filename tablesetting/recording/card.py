@@ -15,8 +15,10 @@ _LEGEND = (
     "On the table lies the reward of the best guess, yellow where it is high. "
     "Magenta marks where the person wants the item, white where the robot thinks so, "
     "blue dots where samples of the posterior put it, among them the rival, whose distance "
-    "from the guess is the value at risk, "
-    "orange the commanded placement and red the place where the item settled."
+    "from the guess is the value at risk."
+)
+_LEGEND_OF_ARM = (
+    "Orange marks the commanded placement, red the place where the item settled."
 )
 
 
@@ -57,7 +59,8 @@ def card_markdown(
         "item": card.item,
         "objects": ", ".join(card.objects),
     }
-    sections = [f"# Task {card.task}", _table("setting", settings), _LEGEND]
+    legend = f"{_LEGEND} {_LEGEND_OF_ARM}" if card.acts else _LEGEND
+    sections = [f"# Task {card.task}", _table("setting", settings), legend]
     if summary:
         sections += [FIGURES_TITLE, _table("figure", summary)]
     if rounds:

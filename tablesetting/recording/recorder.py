@@ -39,7 +39,6 @@ class RunRecorder:
         card: RunCard,
         *,
         recording_id: str,
-        acts: bool = True,
         frame: TableFrame | None = None,
     ) -> None:
         """Open the file and log what never changes.
@@ -50,7 +49,6 @@ class RunRecorder:
             card: What is being run.
             recording_id: Tells recordings in one viewer apart; the same run under the
                 same id writes the same content, but for the seconds on its card.
-            acts: Whether the arm does.
             frame: Maps table units to the world; the default table if None.
 
         Raises:
@@ -69,7 +67,7 @@ class RunRecorder:
         )
         self._stream.set_log_time_enabled(False)
         try:
-            self._stream.save(path, default_blueprint=run_blueprint(acts=acts))
+            self._stream.save(path, default_blueprint=run_blueprint(acts=card.acts))
         except (RuntimeError, UnicodeError) as error:
             raise OutputError(f"cannot write the recording: {error}") from error
         log_card(self._stream, card)
@@ -212,6 +210,11 @@ def _row_of(view: RoundView) -> dict[str, float | None]:
         "demonstrations": view.num_demos,
         "mean error": None if errors is None else float(errors.mean()),
         "largest error": None if errors is None else float(errors.max()),
+        "error here": (
+            None
+            if view.wish is None
+            else float(np.linalg.norm(view.robot_placement - view.wish))
+        ),
         "bound": view.deployment_bound,
         "execution error [mm]": None,
     }

@@ -17,6 +17,7 @@ class RunCard:
         objects: Names of the objects, in the order of a layout's rows.
         item: Name of the item that is placed.
         versions: Version of each package that the run depends on.
+        acts: Whether the arm carries out what was learned.
     """
 
     task: str
@@ -25,6 +26,7 @@ class RunCard:
     objects: tuple[str, ...]
     item: str
     versions: Mapping[str, str]
+    acts: bool = True
 
 
 @dataclass(frozen=True)

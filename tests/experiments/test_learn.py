@@ -70,7 +70,7 @@ def test_a_folder_has_weights_bounds_and_the_next_question(learned, recorded):
 
 def test_the_recording_tells_what_was_demonstrated_and_what_to_ask(learned):
     story = tell(learned / "recording.rrd")
-    assert "What was demonstrated next. Before it was learned from" in story
+    assert "This layout was demonstrated next. Before that was learned from" in story
     assert "Worth asking about next, by `active-var` (rank 1 of 8" in story
     assert "learning error" in story.split("# After 4")[0]
     assert "learning error" not in story.split("# After 4")[1]
@@ -91,11 +91,37 @@ def test_to_append_is_to_have_had_the_demonstration_from_the_start(
     out = tmp_path / "out"
     assert quick_cli.main(["learn", str(longer), *QUICK, "--out", str(out)]) == 0
     appended, at_once = read_folder(learned), read_folder(out)
-    first, *rows = appended.pop("rounds.csv")
-    assert first["num_demos"] == "3"
+    # More was foretold of what came one by one.
+    foretold, alone = (
+        content["certificate.json"]["fit"].pop("foretold")
+        for content in (appended, at_once)
+    )
+    assert len(foretold) == 2
+    assert foretold[1:] == alone
+    for content in (appended, at_once):
+        del content["certificate.json"]["fit"]["p_value"]
+        for row in content["rounds.csv"]:
+            del row["fit"], row["foretold"]
+    third, *rows = appended.pop("rounds.csv")
+    assert third["num_demos"] == "3"
     assert rows == at_once.pop("rounds.csv")
+    errors = [float(row["prediction_error"]) for row in (third, rows[0])]
+    mean = appended["summary.json"].pop("mean_prediction_error")
+    assert mean == pytest.approx(np.mean(errors))
+    assert at_once["summary.json"].pop("mean_prediction_error") == errors[1]
     appended.pop("figures/query_03.png")
     assert appended == at_once
+
+
+def test_a_row_stays_as_it_was_when_an_answer_is_appended(learned):
+    (*_, before) = read_folder(learned)["rounds.csv"]
+    argv = ["learn", str(learned), "--append", "next", "0.5,0.5"]
+    assert quick_cli.main(argv, quick_cli.MIXED) == 0
+    (_, after, _) = read_folder(learned)["rounds.csv"]
+    assert 0.0 < float(before["foretold"]) <= 1.0
+    # What was foretold is taken from the table, which has nine digits.
+    assert float(after.pop("fit")) == pytest.approx(float(before.pop("fit")), abs=1e-8)
+    assert after | {"prediction_error": ""} == before
 
 
 def test_an_answer_is_pending_until_it_is_learned_from(learned, monkeypatch, capsys):

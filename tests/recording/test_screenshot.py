@@ -25,7 +25,8 @@ def test_a_picture_shows_the_run(recorded: Path, tmp_path):
 @pytest.mark.parametrize("person", [{}, {"wish": None, "placement_errors": None}])
 def test_no_view_has_anything_to_complain_of(model, tmp_path, person):
     path = tmp_path / "recording.rrd"
-    with RunRecorder(path, model, CARD, recording_id="a", acts=not person) as recorder:
+    card = replace(CARD, acts=not person)
+    with RunRecorder(path, model, card, recording_id="a") as recorder:
         recorder.log_round(replace(round_view(2), **person))
         recorder.show(next(episode(model)))
     try:

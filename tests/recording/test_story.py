@@ -20,7 +20,7 @@ def test_the_story_has_the_run_its_rounds_and_its_outcome(recorded: Path):
         "| strategy | active-var |",
         "| seed | 7 |",
         "| var_bound | 0.1 |",
-        "| demonstrations | mean error | largest error | bound | execution error [mm] |",
+        "| demonstrations | mean error | largest error | error here | bound | execution error [mm] |",
         "| mujoco | 3.17.0 |",
         "# After 1 demonstration\n",
         "# After 2 demonstrations\n",
