@@ -126,6 +126,13 @@ def _telling_why_it_stops(progress: Callable[[], str]) -> Iterator[None]:
 def _parse(argv: Sequence[str] | None) -> object:
     """Parse the arguments; a mistake in them is told in one line."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    for argument in arguments:
+        if _is_undecodable(argument):
+            print(
+                f"error: {os.fsencode(argument)!r} is not UTF-8; name it otherwise",
+                file=sys.stderr,
+            )
+            raise SystemExit(BAD_INPUT)
     prog, description = "tablesetting", __doc__ or ""
     configs: dict[str, Callable[..., object]] = {
         "run": RunConfig,
@@ -164,6 +171,11 @@ def _parse(argv: Sequence[str] | None) -> object:
         raise
 
 
+def _is_undecodable(text: str) -> bool:
+    """Tell whether a text has bytes in it that are of no character."""
+    return any("\ud800" <= letter <= "\udfff" for letter in text)
+
+
 def _unbox(text: str) -> str:
     """Take the message out of the box that tyro draws around it."""
     plain = re.sub(r"\x1b\[[0-9;]*m", "", text)  # It has colours on a terminal.
@@ -171,6 +183,11 @@ def _unbox(text: str) -> str:
     body = itertools.dropwhile(_is_rule, lines)
     message = " ".join(itertools.takewhile(lambda line: not _is_rule(line), body))
     message = re.sub(r", 'None'|'None', ", "", message)  # Is listed, but refused.
+    message = re.sub(
+        r"no type matching \{(.*)\} could be instantiated from",
+        lambda types: f"expected {len(types[1].split())} values, got",
+        message,
+    )
     return re.sub(r"^Error parsing (\w+Config|__\S+): ", "", message)
 
 
@@ -408,7 +425,7 @@ def _inspect(config: InspectConfig) -> int:
         return 0
     # Refuses what is not a recording, for the viewer, too.
     story = tell(recording, config.query)
-    if config.text:
+    if config.text or config.query is not None:
         print(story)
         return 0
     view(recording, in_browser=config.web)

@@ -345,12 +345,15 @@ def plot_validation(
     Returns:
         The figure, with a row of panels for each weights.
     """
-    num_columns = 1 + max(len(worst) for *_, worst in validated)
-    size = (1.6 + 2.9 * num_columns, 0.7 + 3.3 * len(validated))
+    num_columns = 2 + max(max(len(worst) for *_, worst in validated) - 1, 0)
+    size = (1.6 + 2.9 * num_columns, 0.9 + 3.3 * len(validated))
     figure = Figure(figsize=size, layout="constrained")
     panels = figure.subplots(len(validated), num_columns, squeeze=False)
-    most = max(float(errors.max()) for _, _, errors, _ in validated)
-    scale = Normalize(0.0, most or 1.0)
+    # One scale and one window for all: what is compared has to look alike.
+    scale = Normalize(
+        0.0, max(float(errors.max()) for *_, errors, _ in validated) or 1.0
+    )
+    places = np.concatenate([wanted, *(placements for _, placements, *_ in validated)])
     for (name, placements, errors, worst), (first, *others) in zip(
         validated, panels, strict=True
     ):
@@ -358,19 +361,33 @@ def plot_validation(
             list(np.stack([wanted, placements], axis=1)), colors="0.6", linewidths=0.7
         )
         first.add_collection(lines)
+        scale = Normalize(0.0, float(errors.max()) or 1.0)
         points = first.scatter(*wanted.T, c=errors, norm=scale, s=14.0, zorder=2)
-        figure.colorbar(points, ax=first, label="error", location="left")
-        first.set_title(f"{name}\nwanted, and lines to the robot's place", fontsize=8)
+        figure.colorbar(points, ax=first, label="error [table units]", shrink=0.8)
+        first.set_ylabel("y [table units]")
+        first.set_title(
+            f"{_plain(name)}\nwanted, and lines to the robot's place", fontsize=8
+        )
         _frame_square(first)
-        _zoom(first, np.concatenate([wanted, placements]))
+        _zoom(first, places)
         for axes in others[len(worst) :]:
             axes.set_axis_off()
         for layout, axes in zip(worst, others, strict=False):
             _draw_worst(axes, layout)
-    handles, labels = panels[0, 1].get_legend_handles_labels()
+        if not worst:
+            others[0].text(0.5, 0.5, "no layout has an error", ha="center")
+    legends = (axes.get_legend_handles_labels() for axes in panels[:, 1])
+    handles, labels = next((each for each in legends if each[0]), ([], []))
     figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
-    _write_title(figure, title)
+    for axes in panels[-1]:
+        axes.set_xlabel("x [table units]")
+    _write_title(figure, _plain(title))
     return figure
+
+
+def _plain(text: str) -> str:
+    """Keep what stands between two dollars, as in the name of a file, from being math."""
+    return text.replace("$", r"\$")
 
 
 def _draw_worst(axes: Axes, layout: WorstLayout) -> None:

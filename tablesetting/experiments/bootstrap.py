@@ -27,17 +27,20 @@ class Estimate:
 
     Attributes:
         value: The figure.
-        low: Lower end of the interval.
+        low: Lower end of the interval; None where a single value tells nothing of it.
         high: Upper end; of a maximum no more than itself, as nothing larger was seen.
     """
 
     value: float
-    low: float
-    high: float
+    low: float | None
+    high: float | None
 
     def __str__(self) -> str:
         """Write it with its interval."""
-        return f"{self.value:.4f} ({self.low:.4f}-{self.high:.4f})"
+        if self.low is None or self.high is None:
+            return f"{self.value:.4f}"
+        joint = "-" if self.low >= 0.0 else " to "
+        return f"{self.value:.4f} ({self.low:.4f}{joint}{self.high:.4f})"
 
 
 def estimate(values: Array, *, rng: np.random.Generator) -> dict[str, Estimate]:
@@ -52,6 +55,9 @@ def estimate(values: Array, *, rng: np.random.Generator) -> dict[str, Estimate]:
     Returns:
         Estimates by the names of `STATISTICS`.
     """
+    if len(values) < 2:
+        figures = {name: float(each(values)) for name, each in STATISTICS.items()}
+        return {name: Estimate(value, None, None) for name, value in figures.items()}
     drawn: dict[str, list[Array]] = {name: [] for name in STATISTICS}
     num_at_once = max(_NUM_AT_ONCE // len(values), 1)
     for start in range(0, _NUM_RESAMPLES, num_at_once):

@@ -1,7 +1,7 @@
 """What a run can be told; light to import, so that the command line answers at once."""
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -322,7 +322,9 @@ class LearnConfig:
 
     demos: Positional[Path]
     """A demonstrations file (JSON, or CSV with a row each); with --append, the folder."""
-    append: Annotated[tuple[str, str] | None, arg(help_behavior_hint="")] = None
+    append: Annotated[
+        tuple[str, str] | None, arg(metavar="LAYOUT X,Y", help_behavior_hint="")
+    ] = None
     """Learn from one more: its layout, `next` for the one that was asked or a file with
     one, and the placement, as x,y in table units."""
     strategy: StrategyName = "active-var"
@@ -378,14 +380,26 @@ class LearnConfig:
         if self.append is None:
             refuse_bad_resume(self)
             return
-        others = {f.name for f in fields(self)} - {"demos", "append", "resume"}
-        unset = LearnConfig(self.demos)
-        for name in sorted(others):
-            if getattr(self, name) != getattr(unset, name):
-                raise ValueError(
-                    f"--append goes on with the settings of its folder; leave out "
-                    f"the options of {name.replace('_', '-')}"
-                )
+        others = _changed(self, LearnConfig(self.demos)) - {"append", "resume"}
+        if others:
+            options = ", ".join(
+                f"--{name.replace('_', '-')}" for name in sorted(others)
+            )
+            raise ValueError(
+                f"--append goes on with the settings of its folder; leave out {options}"
+            )
+
+
+def _changed(config: Any, unset: Any) -> set[str]:
+    """Name the options that two configs do not share, those of their groups, too."""
+    names = set()
+    for name in (each.name for each in fields(config)):
+        value, other = getattr(config, name), getattr(unset, name)
+        if is_dataclass(value):
+            names |= _changed(value, other)
+        elif value != other:
+            names.add(name)
+    return names
 
 
 @dataclass(frozen=True)
@@ -452,15 +466,15 @@ class InspectConfig:
     at: Annotated[float | None, arg(help_behavior_hint="(default: its end)")] = None
     """Time on the recording's clock that the screenshot shows, in seconds."""
     query: Annotated[int | None, arg(help_behavior_hint="(default: all)")] = None
-    """Number of demonstrations: --text tells the round after them alone, --screenshot
-    shows its end."""
+    """Number of demonstrations: tells the round after them alone; --screenshot shows its
+    end."""
 
     def __post_init__(self) -> None:
         chosen = [self.text, self.web, self.screenshot is not None]
         if sum(chosen) > 1:
             raise ValueError("choose one of --text, --web and --screenshot")
-        if self.query is not None and not (self.text or self.screenshot):
-            raise ValueError("--query goes with --text or --screenshot")
+        if self.query is not None and self.web:
+            raise ValueError("--query goes with --text or --screenshot, not with --web")
         if self.query is not None and self.at is not None:
             raise ValueError("choose one of --at and --query")
         if self.at is not None and not 0.0 <= self.at < math.inf:

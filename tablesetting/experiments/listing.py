@@ -18,7 +18,8 @@ def list_runs(folder: Path) -> Iterator[str]:
         folder: Is no run itself.
 
     Yields:
-        Lines of a table: mean placement error and bound are in table units.
+        Lines of a table: mean placement error and bound are in table units. The error of
+        a validation is that of each weights, the one of `learn` of what was foretold.
 
     Raises:
         InvalidFile: If there is no run.
@@ -47,10 +48,17 @@ def _describe(path: Path, folder: Path) -> tuple[str, ...]:
         _cell(known.get("strategy", known.get("strategies"))),
         _cell(known.get("seed")),
         _cell(summary.get("num_demos")),
-        _cell(summary.get("mean_placement_error")),
+        _cell(_error(summary)),
         _cell(summary.get("deployment_bound", summary.get("var_bound"))),
         _state(path, summary),
     )
+
+
+def _error(summary: Mapping[str, Any]) -> Any:
+    name, validated = "mean_placement_error", summary.get("validated")
+    if isinstance(validated, list):
+        return [_cell(_dict(each).get(name)) for each in validated]
+    return summary.get(name, summary.get("mean_prediction_error"))
 
 
 def _state(path: Path, summary: Mapping[str, Any]) -> str:

@@ -1,5 +1,6 @@
 """The files of a validation: a row for each test layout, a summary and a figure."""
 
+import warnings
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -7,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tablesetting.errors import InvalidFile
-from tablesetting.experiments.bootstrap import estimate
+from tablesetting.experiments.bootstrap import Estimate, estimate
 from tablesetting.experiments.rows import rounded
 from tablesetting.experiments.validate import Validation
 from tablesetting.irl.arrays import Array
@@ -76,10 +77,13 @@ def finish_validation(validation: Validation, folder: RunFolder) -> list[str]:
                 )
             )
         ],
-        f"place {validation.task.item}: {len(validation.layouts)} test layouts "
+        f"place {validation.task.item}: {_count(len(validation.layouts))} "
         f"({validation.layouts_from}), against {validation.wanted_by}",
     )
-    folder.write(FIGURE, figure.savefig)
+    with warnings.catch_warnings():
+        # A name may have letters that the font has not.
+        warnings.filterwarnings("ignore", "Glyph .* missing from")
+        folder.write(FIGURE, figure.savefig)
     folder.write_json(SUMMARY, summary)
     return [*_lines(validation, summary), *_places(folder)]
 
@@ -154,25 +158,28 @@ def _executions(rows: Sequence[Mapping[str, str]]) -> dict[str, Any]:
 
 def _lines(validation: Validation, summary: Mapping[str, Any]) -> Iterator[str]:
     yield (
-        f"{summary['num_layouts']} test layouts ({summary['layouts']}), placement error "
+        f"{_count(summary['num_layouts'])} ({summary['layouts']}), placement error "
         f"against {validation.wanted_by}, in table units, with 95 % intervals:"
     )
     for found in summary["validated"]:
         figures = ", ".join(
-            f"{name} {each['value']:.4f} ({each['low']:.4f}-{each['high']:.4f})"
+            f"{name} {Estimate(**each)}"
             for name, each in found["placement_error"].items()
         )
         yield f"{found['weights']}: {figures}"
         if found["executions"] is not None:
             yield f"  {_execution_line(found['executions'])}"
     if paired := summary.get("paired"):
-        less = paired["first_minus_second"]
+        less = Estimate(**paired["first_minus_second"])
         yield (
-            f"first minus second, layout by layout: mean {less['value']:+.4f} "
-            f"({less['low']:+.4f} to {less['high']:+.4f}); the first is better in "
+            f"first minus second, layout by layout: mean {less}; the first is better in "
             f"{paired['share_where_first_is_better']:.0%} of the layouts, the second in "
             f"{paired['share_where_second_is_better']:.0%}"
         )
+
+
+def _count(num_layouts: int) -> str:
+    return f"{num_layouts} test layout{'s' * (num_layouts != 1)}"
 
 
 def _execution_line(found: Mapping[str, Any]) -> str:
@@ -260,10 +267,11 @@ def _worst(validation: Validation, which: int) -> list[WorstLayout]:
     space = LayoutSpace.of_task(
         validation.task, are_points=validation.config.layouts == "uniform"
     )
-    worst = np.argsort(-errors, kind="stable")[:_NUM_WORST]
+    ordered = np.argsort(-errors, kind="stable")[:_NUM_WORST]
+    worst = [index for index in ordered if errors[index] > 0.0]
     return [
         WorstLayout(
-            name=f"layout {index}: {errors[index]:.3f}",
+            name=f"layout {index}: error {errors[index]:.4f}",
             outlines=space.outlines(validation.layouts[index]),
             wanted=validation.wanted[index],
             robot=validation.placements[which, index],

@@ -35,6 +35,8 @@ def read_table(path: Path) -> dict[str, Any]:
         raise InvalidFile(f"cannot read '{path}': {error}; mend it") from error
     names = [name.strip() for name in header]
     task = _task_of(names, path)
+    if not rows:
+        raise InvalidFile(f"'{path}' has no rows; give one for each demonstration")
     return {
         "task": task.name,
         "demonstrations": [
@@ -46,12 +48,32 @@ def read_table(path: Path) -> dict[str, Any]:
 
 def _task_of(header: Sequence[str], path: Path) -> PlacementTask:
     """Find the task that has such columns."""
-    for task in TASKS.values():
+    if len(header) == 1 and ";" in header[0]:
+        raise InvalidFile(
+            f"'{path}' has semicolons between its cells; save it with commas"
+        )
+    tasks = list(TASKS.values())
+    for task in tasks:
         if sorted(header) == sorted(columns_of(task)):
             return task
-    expected = "; or ".join(",".join(columns_of(task)) for task in TASKS.values())
+    # The one that was most likely meant.
+    task = max(tasks, key=lambda each: len(set(header) & set(columns_of(each))))
+    expected = columns_of(task)
+    problems = [
+        *(f"lacks the column {name!r}" for name in expected if name not in header),
+        *(
+            f"has an unknown column {name!r:.40}"
+            for name in header
+            if name not in expected
+        ),
+        *(
+            f"has the column {name!r} twice"
+            for name in expected
+            if header.count(name) > 1
+        ),
+    ]
     raise InvalidFile(
-        f"'{path}' has the columns {','.join(header)!r:.80}; it must have {expected}"
+        f"'{path}' {problems[0]}; the task {task.name} has {','.join(expected)}"
     )
 
 

@@ -259,16 +259,22 @@ def test_what_cannot_be_learned_from_is_refused_in_one_line(
         ([recorded, "--epsilon", "nan"], "--epsilon"),
         ([recorded, "--beta", "3"], "--beta has no effect"),
         ([recorded.parent], "is a folder"),
+        ([recorded, "--num-candidates", "9", "--candidates", "some"], "no effect"),
+        ([recorded, "--num-layouts", "9", "--layouts", "some"], "no effect"),
     ):
         assert part in refusal(capsys, *argv, "--out", out)
         assert not out.exists()
     for argv, part in (
         ([learned, "--append", "next", "0.5"], "'0.5'"),
         ([learned, "--append", "next", "0.5,nan"], "0.5,nan"),
+        ([learned, "--append", "next", "0.5", "0.5"], "expected 2 values"),
         ([learned, "--append", "next", "0.5,1.5"], "[0, 1]"),
         ([learned, "--append", "no.json", "0.5,0.5"], "no.json"),
         ([recorded, "--append", "next", "0.5,0.5"], "config.json"),
-        ([learned, "--append", "next", "0.5,0.5", "--seed", "3"], "seed"),
+        (
+            [learned, "--append", "next", "0.5,0.5", "--seed", "3", "--noise", "0.1"],
+            "leave out --noise, --seed",
+        ),
     ):
         assert part in refusal(capsys, *argv)
     assert read_folder(learned) == before

@@ -26,6 +26,12 @@ def test_every_run_has_a_line_whatever_state_it_is_in(tmp_path):
     write(tmp_path / "b", config=CONFIG)
     write(tmp_path / "c", config=CONFIG, summary='{"num_demos": ')
     write(tmp_path / "d", config="[1]", summary=SUMMARY | {"certified": True})
+    errors = [{"mean_placement_error": error} for error in (0.02, 0.03)]
+    validate = {"command": "validate", "options": {"seed": 1}}
+    write(tmp_path / "e", config=validate, summary={"validated": errors})
+    learn = CONFIG | {"command": "learn"}
+    summary = {"num_demos": 5, "mean_prediction_error": 0.5, "certified": True}
+    write(tmp_path / "f", config=learn, summary=summary)
     header, *lines = list_runs(tmp_path)
     assert header.split()[:3] == ["folder", "command", "task"]
     assert [" ".join(line.split()) for line in lines] == [
@@ -33,6 +39,8 @@ def test_every_run_has_a_line_whatever_state_it_is_in(tmp_path):
         "b run vase cvar 7 - - - unfinished",
         "c run vase cvar 7 - - - damaged",
         "d - - - - 4 0.012 0.250 certified",
+        "e validate - - 1 - 0.020,0.030 - finished",
+        "f learn vase cvar 7 5 0.500 - certified",
     ]
 
 

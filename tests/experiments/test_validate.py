@@ -1,5 +1,6 @@
 import csv
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from tablesetting.reward.likelihood import Demonstration
 from tablesetting.reward.rbf import RbfWidths
 from tablesetting.reward.tasks import SPOON, VASE
 
+VASE_DEMOS = Path(__file__).parents[1] / "data" / "vase_demonstrations.json"
 WIDTHS = RbfWidths(0.25, 0.4)
 GUESS = np.array([-0.2, 0.1, -0.05, -0.1, 0.1, 0, 0, 0.05, 0.4, 0.1, 0, 0, -0.1])
 
@@ -139,6 +141,40 @@ def test_the_arm_carries_out_some_and_a_validation_goes_on(tmp_path, weights, ca
     assert summary.read_text() == figures
 
 
+def test_two_are_carried_out_alike_by_any_number_of_processes(tmp_path, weights):
+    other = weights_file(tmp_path / "other.json", VASE.true_weights)
+    argv = [weights, other, "--num-layouts", 3, "--execute", 2]
+    argv += ["--item-noise-mm", 3, "--mass-spread", 0.3]
+    alone, rows = validate(tmp_path, *argv, "--jobs", 1)
+    assert (alone, rows) == validate(tmp_path, *argv, "--jobs", 2, name="together")
+    assert [bool(row["success"]) for row in rows] == [True] * 4 + [False] * 2
+    for which, found in enumerate(alone["validated"]):
+        own = rows[which:4:2]
+        errors = [float(row["execution_error_mm"]) for row in own]
+        executions = found["executions"]
+        assert executions["median_error_mm"] == pytest.approx(np.mean(errors))
+        assert executions["max_error_mm"] == max(errors) > 1.0
+        assert executions["mean_placement_error"] == pytest.approx(
+            np.mean([float(row["error"]) for row in own])
+        )
+
+
+def test_a_single_layout_has_no_intervals(tmp_path, weights, capsys):
+    summary, _ = validate(tmp_path, weights, "--num-layouts", 1)
+    mean = summary["validated"][0]["placement_error"]["mean"]
+    assert mean["low"] is mean["high"] is None
+    assert f"mean {mean['value']:.4f}, median" in capsys.readouterr().out
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name", ["a$b$c.json", "\u91cd\u307f.json", "a b'c.json"])
+def test_files_can_have_any_name(tmp_path, weights, name):
+    odd = tmp_path / name
+    Path(weights).rename(odd)
+    summary, _ = validate(tmp_path, odd, "--num-layouts", 3)
+    assert summary["validated"][0]["weights"] == str(odd)
+
+
 def test_a_mean_is_as_exact_as_its_standard_error():
     values = np.random.default_rng(0).exponential(size=400)
     found = estimate(values, rng=np.random.default_rng(1))
@@ -149,9 +185,9 @@ def test_a_mean_is_as_exact_as_its_standard_error():
     assert found["p90"].low < np.log(10) < found["p90"].high
 
 
-def refusal(capsys, *argv):
+def refusal(capsys, *argv, command="validate"):
     try:
-        code = cli.main(["validate", *map(str, argv)])
+        code = cli.main([command, *map(str, argv)])
     except SystemExit as stop:
         code = stop.code
     assert code == 2
@@ -173,6 +209,9 @@ def test_what_cannot_be_validated_is_refused_in_one_line(tmp_path, weights, caps
         ([weights, "--execute", "201"], "--execute 201"),
         ([weights, "--execute", "1", "--layouts", "uniform"], "--layouts uniform"),
         ([weights, "--num-layouts", "0"], "--num-layouts"),
+        ([weights, "--num-layouts", "1000001"], "at most 1000000"),
+        ([weights, "--num-layouts", "5", "--layouts", "some"], "has no effect"),
+        (["\udcff.json"], "not UTF-8"),
         ([weights, "--jobs", "0"], "--jobs"),
     ):
         assert part in refusal(capsys, *argv, "--out", out)
@@ -186,5 +225,10 @@ def test_another_validation_is_not_gone_on_with(tmp_path, weights, capsys):
     assert cli.main(argv) == 0
     assert "--overwrite" in refusal(capsys, *argv[1:])
     assert "seed = 0, not 1" in refusal(capsys, *argv[1:], "--seed", 1, "--resume")
+    other = refusal(capsys, VASE_DEMOS, "--out", out, "--resume", command="learn")
+    assert "holds a `validate`" in other
+    for options in ([], ["--overwrite"]):
+        error = refusal(capsys, VASE_DEMOS, "--out", out, *options, command="learn")
+        assert "--resume" not in error
     weights_file(tmp_path / "weights.json", VASE.true_weights)
     assert "sha256" in refusal(capsys, *argv[1:], "--resume")

@@ -287,9 +287,12 @@ def test_a_bad_value_among_demonstrations_is_named(tmp_path, path, value, parts)
 @pytest.mark.parametrize(
     ("text", "parts"),
     [
-        ("", ["columns", "plate_x,plate_y"]),
-        ("plate_x,plate_y\n", ["plate_x,plate_y", "bowl_x"]),
-        (",".join(columns_of(VASE)), ["at least one"]),
+        ("", ["lacks the column 'plate_x'", "plate_x,plate_y"]),
+        ("plate_x,plate_y\n", ["lacks the column 'bowl_x'"]),
+        (",".join(columns_of(VASE)), ["no rows"]),
+        (",".join([*columns_of(VASE), "note"]), ["unknown column 'note'"]),
+        (",".join([*columns_of(VASE), "cup_x"]), ["'cup_x' twice"]),
+        (";".join(columns_of(VASE)), ["semicolons"]),
         (",".join(columns_of(VASE)) + "\n0.5,0.5\n", ["row 1", "2 cells"]),
         (",".join(columns_of(VASE)) + "\n" + ",".join("x" * 10), ["'x'", "plate"]),
         (",".join(columns_of(VASE)) + "\n" + ",".join(["nan"] * 10), ["nan", "plate"]),
