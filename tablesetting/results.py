@@ -68,22 +68,6 @@ class RunFolder:
         self.path = path
 
     @classmethod
-    def create(cls, path: Path, *, overwrite: bool = False) -> "RunFolder":
-        """Make an empty folder.
-
-        Args:
-            path: Where; parents are made as needed.
-            overwrite: Whether an earlier run there may be replaced.
-
-        Raises:
-            OutputError: If something else is there, or it cannot be written.
-        """
-        folder = cls.make(path)
-        with folder.locked():
-            folder.clear(overwrite=overwrite)
-        return folder
-
-    @classmethod
     def make(cls, path: Path) -> "RunFolder":
         """Make a folder, or take the one that is there as it is.
 

@@ -1,11 +1,13 @@
 import json
 import re
 import runpy
+import shlex
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tablesetting import cli
 from tablesetting.reward.files import read_demonstrations, read_layouts
 from tablesetting.reward.layout import LayoutSpace
 from tablesetting.reward.tasks import FOOTPRINTS, VASE
@@ -67,6 +69,17 @@ def test_the_reference_has_every_public_module():
         if not path.stem.startswith("_") and path.parent.name != "__pycache__"
     ]
     assert set(listed) == set(found) - {"tablesetting.cli"}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_every_command_is_one_that_the_command_line_takes(page):
+    text = "".join(re.findall(r"```sh\n(.*?)```", page.read_text(), flags=re.DOTALL))
+    text = re.sub(r"\[.*?\]|#.*", "", text.replace("\\\n", " "))
+    values = {"N": "3", "NAME": "cvar", "LIKELIHOOD": "auto", "TEACHER": "noisy"}
+    for line in text.splitlines():
+        program, *argv = shlex.split(line) or [""]
+        if Path(program).name == "tablesetting":
+            cli._parse([values.get(word, word) for word in argv])
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)

@@ -23,9 +23,16 @@ from tablesetting.results import (
 )
 
 
+def create(path, *, overwrite=False):
+    folder = RunFolder.make(path)
+    with folder.locked():
+        folder.clear(overwrite=overwrite)
+    return folder
+
+
 @pytest.fixture
 def folder(tmp_path):
-    return RunFolder.create(tmp_path / "run")
+    return create(tmp_path / "run")
 
 
 def names(folder):
@@ -39,20 +46,20 @@ def save_half(path, error):
 
 
 def test_a_folder_is_made_with_its_parents(tmp_path):
-    folder = RunFolder.create(tmp_path / "runs" / "vase" / "one")
+    folder = create(tmp_path / "runs" / "vase" / "one")
     assert folder.path == tmp_path / "runs" / "vase" / "one"
     assert names(folder) == []
 
 
 def test_an_empty_folder_is_taken_as_it_is(tmp_path):
     (tmp_path / "run").mkdir()
-    assert names(RunFolder.create(tmp_path / "run")) == []
+    assert names(create(tmp_path / "run")) == []
 
 
 def test_what_a_kill_left_half_written_is_in_nobodys_way(tmp_path):
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / ".123-config.json").write_text("{")
-    assert names(RunFolder.create(tmp_path / "run")) == []
+    assert names(create(tmp_path / "run")) == []
 
 
 @pytest.mark.parametrize("name", [".2026-notes", ".config.json", "1-config.json"])
@@ -60,7 +67,7 @@ def test_a_file_of_somebody_else_is_not_taken_for_a_leftover(tmp_path, name):
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / name).write_text("mine")
     with pytest.raises(OutputError, match="exists already"):
-        RunFolder.create(tmp_path / "run")
+        create(tmp_path / "run")
     RunFolder(tmp_path / "run").remove_leftovers()
     assert names(RunFolder(tmp_path / "run")) == [name]
 
@@ -81,7 +88,7 @@ def test_a_locked_folder_is_locked_to_all_others(folder):
         with pytest.raises(OutputError, match="another process is writing"):
             other.locked().__enter__()
         with pytest.raises(OutputError, match="another process is writing"):
-            RunFolder.create(folder.path, overwrite=True)
+            create(folder.path, overwrite=True)
     with other.locked():
         pass
 
@@ -89,7 +96,7 @@ def test_a_locked_folder_is_locked_to_all_others(folder):
 def test_an_earlier_run_is_kept_unless_told(folder):
     folder.write_json(CONFIG, {"seed": 1})
     with pytest.raises(OutputError, match=r"run' exists already; choose another --out"):
-        RunFolder.create(folder.path)
+        create(folder.path)
     assert names(folder) == [CONFIG]
 
 
@@ -97,7 +104,7 @@ def test_an_earlier_run_is_replaced_when_told(folder):
     folder.write_json(CONFIG, {"format": CONFIG_FORMAT})
     folder.write_json(SUMMARY, {})
     folder.write("figures/query_01.png", lambda path: path.write_text(""))
-    assert names(RunFolder.create(folder.path, overwrite=True)) == []
+    assert names(create(folder.path, overwrite=True)) == []
 
 
 @pytest.mark.parametrize("name", ["certificate.json", "audit.csv", "posterior.nc"])
@@ -105,7 +112,7 @@ def test_what_else_a_run_may_write_is_replaced_with_it(folder, name):
     folder.write_json(CONFIG, {"format": CONFIG_FORMAT})
     folder.write(name, lambda path: path.write_text(""))
     (folder.path / f".9-{name}").write_text("")
-    assert names(RunFolder.create(folder.path, overwrite=True)) == []
+    assert names(create(folder.path, overwrite=True)) == []
 
 
 @pytest.mark.parametrize("foreign", ["notes.txt", "figures/mine.png", "src/main.py"])
@@ -114,21 +121,21 @@ def test_a_run_with_something_else_in_its_folder_is_not_overwritten(folder, fore
     (folder.path / foreign).parent.mkdir(exist_ok=True)
     (folder.path / foreign).write_text("mine")
     with pytest.raises(OutputError, match="which is not of a run"):
-        RunFolder.create(folder.path, overwrite=True)
+        create(folder.path, overwrite=True)
     assert (folder.path / foreign).read_text() == "mine"
 
 
 def test_the_settings_of_another_program_make_no_run(folder):
     folder.write_json(CONFIG, {"model_type": "bert"})
     with pytest.raises(OutputError, match="it holds no run"):
-        RunFolder.create(folder.path, overwrite=True)
+        create(folder.path, overwrite=True)
 
 
 def test_a_link_to_a_run_is_not_overwritten(folder, tmp_path):
     folder.write_json(CONFIG, {"format": CONFIG_FORMAT})
     (tmp_path / "link").symlink_to(folder.path)
     with pytest.raises(OutputError, match="it is a link"):
-        RunFolder.create(tmp_path / "link", overwrite=True)
+        create(tmp_path / "link", overwrite=True)
     assert names(folder) == [CONFIG]
 
 
@@ -147,7 +154,7 @@ def test_what_is_not_a_run_is_never_overwritten(tmp_path, overwrite):
     refusal = "because it holds no run" if overwrite else "exists already"
     for name, message in (("thesis", refusal), ("file", "exists already")):
         with pytest.raises(OutputError, match=message):
-            RunFolder.create(tmp_path / name, overwrite=overwrite)
+            create(tmp_path / name, overwrite=overwrite)
     assert (tmp_path / "thesis" / "chapter.tex").read_text() == "years of work"
     assert (tmp_path / "file").read_text() == "more of it"
 
@@ -155,14 +162,14 @@ def test_what_is_not_a_run_is_never_overwritten(tmp_path, overwrite):
 def test_a_folder_below_a_file_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match=r"file/run': Not a directory; choose anoth"):
-        RunFolder.create(tmp_path / "file" / "run")
+        create(tmp_path / "file" / "run")
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 def test_a_folder_without_write_access_is_refused(tmp_path):
     tmp_path.chmod(0o500)
     with pytest.raises(OutputError, match="Permission denied; choose another --out"):
-        RunFolder.create(tmp_path / "run")
+        create(tmp_path / "run")
 
 
 def test_json_comes_back(folder):
