@@ -11,7 +11,7 @@ from tablesetting.errors import InvalidFile, TableSettingError
 from tablesetting.experiments.config import LearnConfig
 from tablesetting.experiments.learn import read_settings
 from tablesetting.experiments.options import to_options
-from tablesetting.results import CONFIG, CONFIG_FORMAT
+from tablesetting.results import CONFIG, CONFIG_FORMAT, package_versions
 from tablesetting.reward.files import (
     demonstrations_to_json,
     read_demonstrations,
@@ -97,6 +97,8 @@ FILES = {
             "format": CONFIG_FORMAT,
             "command": "learn",
             "options": to_options(LearnConfig("demos.json"), ("out", "append")),
+            "resolved": {"task": "vase"},
+            "versions": package_versions(),
         },
         check_config,
     ),

@@ -318,7 +318,7 @@ def test_counts_are_by_kind_and_number_of_demonstrations():
 
 
 def test_what_was_counted_is_told_kind_by_kind(tmp_path):
-    lines = write_calibration(RunFolder.create(tmp_path / "out"), COUNTED, ROWS)
+    lines = write_calibration(RunFolder.make(tmp_path / "out"), COUNTED, ROWS)
     biased, exact = lines
     assert biased.startswith("biased: within the bound in 35.0%")
     assert "4 times, of which the fit refused 1, and 1 were certified" in biased
@@ -332,7 +332,7 @@ def test_what_was_counted_is_told_kind_by_kind(tmp_path):
 
 def test_an_infinite_bound_is_none_in_the_summary(tmp_path):
     config = replace(COUNTED, teachers=("biased",))
-    write_calibration(RunFolder.create(tmp_path / "out"), config, ROWS[-1:])
+    write_calibration(RunFolder.make(tmp_path / "out"), config, ROWS[-1:])
 
     def refuse(constant):
         raise ValueError(f"{constant} is not JSON")
