@@ -19,7 +19,6 @@ from tablesetting.experiments.execution_study import Request, draw_request
 from tablesetting.experiments.studies import run_trial
 from tablesetting.experiments.study_config import ExecutionStudyConfig, GoalName
 from tablesetting.experiments.trials import Trial, all_trials
-from tablesetting.experiments.workers import map_unordered
 from tablesetting.irl.arrays import Array
 from tablesetting.planner.execute import Execution, run_to_end
 from tablesetting.planner.pick_place import Plan, plan
@@ -28,6 +27,7 @@ from tablesetting.recording import RunCard, RunRecorder
 from tablesetting.reward.layout import LayoutSpace
 from tablesetting.reward.tasks import TASKS
 from tablesetting.scene.scene import Scene
+from tablesetting.workers import map_unordered
 
 _CASES: tuple[tuple[TaskName, GoalName], ...] = (
     ("vase", "table"),

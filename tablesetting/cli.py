@@ -1,27 +1,23 @@
 """Learn where a person wants things on a table, and bound how wrong that is."""
 
 import contextlib
-import errno
-import io
-import itertools
 import os
-import re
 import shlex
-import shutil
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from datetime import datetime
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import tyro
-
-from tablesetting.errors import (
-    InvalidFile,
-    InvalidLayout,
-    OutputError,
-    TableSettingError,
-    is_interruption,
+from tablesetting.command_line import (
+    FAILED,
+    is_tenth,
+    new_folder,
+    num_cores,
+    parse,
+    program,
+    resume_advice,
+    run_command,
+    telling_why_it_stops,
 )
 from tablesetting.experiments.config import (
     DoctorConfig,
@@ -45,9 +41,6 @@ from tablesetting.experiments.study_config import (
 os.environ.setdefault("MUJOCO_GL", "disable")
 # The matrices are small: a second thread would only spin.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
-FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
-"""Exit codes; 0 is success."""
 
 # The packages behind a command take a second or more to import: each command does so
 # itself, so that --help and mistakes are answered at once.
@@ -74,65 +67,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         ExportConfig: _export,
         DoctorConfig: _doctor,
     }
-    try:
-        config = _parse(argv)
+
+    def command() -> int:
+        config = _parse(list(sys.argv[1:] if argv is None else argv))
         return commands[type(config)](config)
-    except (InvalidFile, InvalidLayout, OutputError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return BAD_INPUT
-    except TableSettingError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return FAILED
-    except _Stopped as stop:
-        return stop.code
-    except BrokenPipeError:
-        # Nobody reads on; what Python still holds back must not complain either.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return FAILED
-    except OSError as error:
-        if error.errno != errno.ENAMETOOLONG:
-            raise
-        print(f"error: '{error.filename!s:.60}...': {error.strerror}", file=sys.stderr)
-        return BAD_INPUT
+
+    return run_command(command)
 
 
-class _Stopped(Exception):
-    """Work was begun and broken off, which has been told already."""
-
-    def __init__(self, code: int) -> None:
-        super().__init__(code)
-        self.code = code
-
-
-@contextlib.contextmanager
-def _telling_why_it_stops(progress: Callable[[], str]) -> Iterator[None]:
-    """Tell how far the work got if it is interrupted, or why it cannot go on.
-
-    Args:
-        progress: Says what is kept, and how to go on.
-    """
-    try:
-        yield
-    except (KeyboardInterrupt, SystemError) as error:
-        if not is_interruption(error):
-            raise
-        print(f"interrupted; {progress()}", file=sys.stderr)
-        raise _Stopped(INTERRUPTED) from error
-    except OutputError as error:  # The folder could be written at the start.
-        print(f"error: {error}", file=sys.stderr)
-        raise _Stopped(FAILED) from error
-
-
-def _parse(argv: Sequence[str] | None) -> object:
-    """Parse the arguments; a mistake in them is told in one line."""
-    arguments = list(sys.argv[1:] if argv is None else argv)
-    for argument in arguments:
-        if _is_undecodable(argument):
-            print(
-                f"error: {os.fsencode(argument)!r} is not UTF-8; name it otherwise",
-                file=sys.stderr,
-            )
-            raise SystemExit(BAD_INPUT)
+def _parse(arguments: Sequence[str]) -> object:
     prog, description = "tablesetting", __doc__ or ""
     configs: dict[str, Callable[..., object]] = {
         "run": RunConfig,
@@ -147,53 +90,7 @@ def _parse(argv: Sequence[str] | None) -> object:
     if arguments[:1] == ["study"]:
         prog, description = "tablesetting study", StudyConfig.__doc__ or ""
         configs, arguments = dict(STUDIES), arguments[1:]
-    if arguments and not arguments[0].startswith("-") and arguments[0] not in configs:
-        expected = ", ".join(configs)
-        print(
-            f"error: {prog} knows no {arguments[0]!r}; expected one of {expected}",
-            file=sys.stderr,
-        )
-        raise SystemExit(BAD_INPUT)
-    complaint = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(complaint):
-            return tyro.extras.subcommand_cli_from_dict(
-                configs,
-                prog=prog,
-                description=description,
-                args=arguments,
-                config=(tyro.conf.DisallowNone, tyro.conf.FlagCreatePairsOff),
-            )
-    except SystemExit as stop:
-        sys.stdout.flush()  # Or nobody could tell here that nobody reads.
-        if stop.code:
-            print(f"error: {_unbox(complaint.getvalue())}", file=sys.stderr)
-        raise
-
-
-def _is_undecodable(text: str) -> bool:
-    """Tell whether a text has bytes in it that are of no character."""
-    return any("\ud800" <= letter <= "\udfff" for letter in text)
-
-
-def _unbox(text: str) -> str:
-    """Take the message out of the box that tyro draws around it."""
-    plain = re.sub(r"\x1b\[[0-9;]*m", "", text)  # It has colours on a terminal.
-    lines = [line.strip("│| ") for line in plain.splitlines()[1:]]
-    body = itertools.dropwhile(_is_rule, lines)
-    message = " ".join(itertools.takewhile(lambda line: not _is_rule(line), body))
-    message = re.sub(r", 'None'|'None', ", "", message)  # Is listed, but refused.
-    message = re.sub(
-        r"no type matching \{(.*)\} could be instantiated from",
-        lambda types: f"expected {len(types[1].split())} values, got",
-        message,
-    )
-    return re.sub(r"^Error parsing (\w+Config|__\S+): ", "", message)
-
-
-def _is_rule(line: str) -> bool:
-    """Tell whether a line is empty or drawn; how to get help follows the last one."""
-    return not line.strip("─╰╯-+ ")
+    return parse(arguments, configs, prog=prog, description=description)
 
 
 def _run(config: RunConfig) -> int:
@@ -201,15 +98,15 @@ def _run(config: RunConfig) -> int:
     os.environ.setdefault("RUST_LOG", "off")
     from tqdm import tqdm
 
-    from tablesetting.experiments.opening import open_folder
     from tablesetting.experiments.run import run
     from tablesetting.experiments.run_files import run_settings
     from tablesetting.experiments.setup import RunSetup
     from tablesetting.irl.netcdf import require_netcdf
+    from tablesetting.opening import open_folder
     from tablesetting.results import RECORDING, SUMMARY, load_json
 
     setup = RunSetup.of_config(config)
-    out = config.out or _new_folder(Path("runs", "run"), config.task)
+    out = config.out or new_folder(Path("runs", "run"), config.task)
     if config.netcdf:
         require_netcdf(out / "posterior.nc")
     opened = open_folder(
@@ -231,7 +128,7 @@ def _run(config: RunConfig) -> int:
             )
             print(f"finished already, {'' if is_certified else 'not '}certified: {out}")
             return 0 if is_certified or not config.require_certificate else FAILED
-        with _telling_why_it_stops(progress):
+        with telling_why_it_stops(progress):
             _load_kernels()
             with (
                 contextlib.closing(run(config, setup, folder)) as rounds,
@@ -249,15 +146,10 @@ def _run(config: RunConfig) -> int:
     print(f"in truth: error below {setup.epsilon:g} in {share:.0%} of the test layouts")
     recording = out / RECORDING
     print(f"recording: {recording} ({recording.stat().st_size / 1e6:.1f} MB)")
-    print(f"open it with: {shlex.join([*_program(), 'inspect', str(out)])}")
+    print(
+        f"open it with: {shlex.join([*program('tablesetting'), 'inspect', str(out)])}"
+    )
     return FAILED if doubts and config.require_certificate else 0
-
-
-def _program() -> list[str]:
-    """Return how this program can be called."""
-    if Path(sys.argv[0]).name == "__main__.py":
-        return [sys.executable, "-m", "tablesetting"]
-    return ["tablesetting" if shutil.which("tablesetting") else sys.argv[0]]
 
 
 def _learn(config: LearnConfig) -> int:
@@ -272,14 +164,14 @@ def _learn(config: LearnConfig) -> int:
         out, opened = config.demos, append_to_session(config)
         advice = "give the same command and --resume"
     else:
-        out = config.out or _new_folder(Path("runs", "learn"), config.demos.stem)
-        opened, advice = open_session(config, out), _resume_advice(out)
+        out = config.out or new_folder(Path("runs", "learn"), config.demos.stem)
+        opened, advice = open_session(config, out), resume_advice(out)
     with opened as session:
         num_demos = len(session.setup.demos)
         kept = (
             f"{num_demos} demonstrations are kept in {shlex.quote(str(out))}; {advice}"
         )
-        with _telling_why_it_stops(lambda: kept):
+        with telling_why_it_stops(lambda: kept):
             _load_kernels()
             with (
                 contextlib.closing(session.learn()) as rounds,
@@ -288,7 +180,7 @@ def _learn(config: LearnConfig) -> int:
                 for latest in rounds:
                     bar.update(latest.num_demos - bar.n)
     print(*tell_learned(latest, out), sep="\n")
-    again = [*_program(), "learn", str(out), "--append", "next", "X,Y"]
+    again = [*program("tablesetting"), "learn", str(out), "--append", "next", "X,Y"]
     print(f"learn from the answer with: {shlex.join(again)}")
     return 0
 
@@ -296,15 +188,15 @@ def _learn(config: LearnConfig) -> int:
 def _validate(config: ValidateConfig) -> int:
     from tqdm import tqdm
 
-    from tablesetting.experiments.opening import open_folder
     from tablesetting.experiments.validate import Validation
     from tablesetting.experiments.validation_files import (
         finish_validation,
         write_validation,
     )
+    from tablesetting.opening import open_folder
 
     validation = Validation.of_config(config)
-    out = config.out or _new_folder(Path("runs", "validate"), validation.task.name)
+    out = config.out or new_folder(Path("runs", "validate"), validation.task.name)
     opened = open_folder(
         out,
         validation.settings(),
@@ -316,11 +208,11 @@ def _validate(config: ValidateConfig) -> int:
     def progress() -> str:
         return (
             f"{num_done} of {num_ordered} executions are in {shlex.quote(str(out))}; "
-            f"{_resume_advice(out)}"
+            f"{resume_advice(out)}"
         )
 
-    with opened as folder, _telling_why_it_stops(progress):
-        num_jobs = config.jobs or _num_cores()
+    with opened as folder, telling_why_it_stops(progress):
+        num_jobs = config.jobs or num_cores()
         is_quiet = None if num_ordered else True
         with (
             contextlib.closing(
@@ -335,38 +227,31 @@ def _validate(config: ValidateConfig) -> int:
     return 0
 
 
-def _resume_advice(out: Path) -> str:
-    """Say how to go on in a folder."""
-    return f"go on with the same options and --resume {shlex.join(['--out', str(out)])}"
-
-
 def _study(config: TrialsConfig) -> int:
     from tqdm import tqdm
 
     from tablesetting.experiments.study import finish_study, run_study
     from tablesetting.experiments.study_files import StudyFolder
 
-    out = config.out or _new_folder(Path("runs", "study"), config.name)
+    out = config.out or new_folder(Path("runs", "study"), config.name)
     is_merge = config.merge is not None
     open_study = StudyFolder.merge if is_merge else StudyFolder.open
     with open_study(config, out) as study:
         num_before, num_trials = len(study.rows), study.num_trials
 
         def progress() -> str:
-            advice = (
-                "merge again, with --overwrite" if is_merge else _resume_advice(out)
-            )
+            advice = "merge again, with --overwrite" if is_merge else resume_advice(out)
             return (
                 f"{len(study.rows)} of {num_trials} trials are in "
                 f"{shlex.quote(str(out))}; {advice}"
             )
 
-        with _telling_why_it_stops(progress):
+        with telling_why_it_stops(progress):
             if study.unfinished:
                 _load_kernels()  # Lest every process compile them.
             with (
                 contextlib.closing(
-                    run_study(study, config.jobs or _num_cores())
+                    run_study(study, config.jobs or num_cores())
                 ) as trials,
                 tqdm(
                     total=num_trials, initial=num_before, unit="trial", disable=None
@@ -374,7 +259,7 @@ def _study(config: TrialsConfig) -> int:
             ):
                 for num_done, _ in enumerate(trials, start=num_before + 1):
                     bar.update()
-                    if bar.disable and _is_tenth(num_done, num_trials):
+                    if bar.disable and is_tenth(num_done, num_trials):
                         print(f"{num_done} of {num_trials} trials", flush=True)
             lines = finish_study(study)
     print(*lines, sep="\n")
@@ -392,16 +277,6 @@ def _load_kernels() -> None:
         load_kernels()
     finally:
         timer.cancel()
-
-
-def _is_tenth(count: int, total: int) -> bool:
-    """Tell whether a count is the first of a tenth of the total."""
-    return 10 * count // total > 10 * (count - 1) // total
-
-
-def _num_cores() -> int:
-    """Count the cores that this process may use."""
-    return len(os.sched_getaffinity(0))
 
 
 def _inspect(config: InspectConfig) -> int:
@@ -460,11 +335,3 @@ def _doctor(config: DoctorConfig) -> int:
         if finding.remedy is not None:
             print(f"      {'':<22} -> {finding.remedy}")
     return 0 if is_well else FAILED
-
-
-def _new_folder(parent: Path, name: str) -> Path:
-    """Name a folder after the time; a second one in the same second gets a number."""
-    stamped = parent / f"{name}-{datetime.now():%Y%m%d-%H%M%S}"
-    numbered = (stamped.with_name(f"{stamped.name}-{n}") for n in itertools.count(2))
-    candidates = itertools.chain([stamped], numbered)
-    return next(path for path in candidates if not path.exists())

@@ -8,12 +8,12 @@ import numpy as np
 
 from tablesetting.experiments.arm import Arm, Attempt
 from tablesetting.experiments.config import ArmConfig
-from tablesetting.experiments.workers import map_unordered
 from tablesetting.irl.arrays import Array
 from tablesetting.planner.execute import Execution
 from tablesetting.planner.goal import Refusal
 from tablesetting.reward.tasks import TASKS
 from tablesetting.scene.scene import Snapshot
+from tablesetting.workers import map_unordered
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from tablesetting.experiments.study_config import (
 from tablesetting.experiments.study_files import StudyFolder
 from tablesetting.experiments.study_results import COMPARISON, write_results
 from tablesetting.experiments.trials import Trial
-from tablesetting.experiments.workers import map_unordered
 from tablesetting.results import ROUNDS, read_rows
+from tablesetting.workers import map_unordered
 
 
 def run_study(study: StudyFolder, num_jobs: int) -> Generator[Trial, None, None]:

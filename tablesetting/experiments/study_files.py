@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from tablesetting.errors import InvalidFile
-from tablesetting.experiments.opening import first_difference, open_folder
 from tablesetting.experiments.studies import columns
 from tablesetting.experiments.study_config import TrialsConfig
 from tablesetting.experiments.study_settings import describe, read_settings
 from tablesetting.experiments.trials import Trial, all_trials, shard_trials
+from tablesetting.opening import first_difference, open_folder
 from tablesetting.results import (
     CONFIG,
     ROUNDS,

@@ -10,9 +10,9 @@ import numpy as np
 
 from tablesetting.errors import InvalidFile, InvalidLayout
 from tablesetting.experiments.config import ValidateConfig, refuse_changed
-from tablesetting.experiments.opening import hash_file
 from tablesetting.experiments.validation import placements_of
 from tablesetting.irl.arrays import Array
+from tablesetting.opening import hash_file
 from tablesetting.results import CONFIG_FORMAT, format_of, package_versions
 from tablesetting.reward.files import (
     WEIGHTS_FORMAT,

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from tablesetting.bootstrap import Estimate, estimate
 from tablesetting.errors import InvalidFile
-from tablesetting.experiments.bootstrap import Estimate, estimate
 from tablesetting.experiments.rows import rounded
 from tablesetting.experiments.validate import Validation
 from tablesetting.irl.arrays import Array

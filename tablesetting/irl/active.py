@@ -31,9 +31,9 @@ class Problem(Protocol[QueryT, DemoT]):
         ...
 
     def propose_queries(
-        self, demos: Sequence[DemoT], *, rng: np.random.Generator
+        self, demos: Sequence[DemoT], posterior: Posterior, *, rng: np.random.Generator
     ) -> Sequence[QueryT]:
-        """Draw the candidate queries, Q of them."""
+        """Draw the candidate queries, Q of them, knowing the posterior given `demos`."""
         ...
 
     def outlook(self, queries: Sequence[QueryT], posterior: Posterior) -> Outlook:
@@ -176,7 +176,7 @@ def take_round(
     started = perf_counter()
     posterior = problem.infer(demos, previous, rng=infer_rng)
     inferred = perf_counter()
-    candidates = problem.propose_queries(demos, rng=propose_rng)
+    candidates = problem.propose_queries(demos, posterior, rng=propose_rng)
     outlook = problem.outlook(candidates, posterior)
     var = value_at_risk(outlook.losses, risk.alpha, rank_offset=risk.rank_offset)
     return Round(

@@ -85,9 +85,16 @@ class PlacementProblem:
         )
 
     def propose_queries(
-        self, demos: Sequence[Demonstration], *, rng: np.random.Generator
+        self,
+        demos: Sequence[Demonstration],
+        posterior: Posterior | None = None,
+        *,
+        rng: np.random.Generator,
     ) -> list[Array]:
-        """Draw candidate layouts, each of shape (K, 2), or return those given."""
+        """Draw candidate layouts, each of shape (K, 2), or return those given.
+
+        The posterior, which other domains need, changes nothing here.
+        """
         if self._candidates is not None:
             return list(self._candidates)
         num_layouts = self.config.num_candidates

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import minimize, root
 
 from tablesetting import cli
-from tablesetting.experiments.bootstrap import estimate
+from tablesetting.bootstrap import estimate
 from tablesetting.reward.files import demonstrations_to_json, weights_to_json
 from tablesetting.reward.likelihood import Demonstration
 from tablesetting.reward.rbf import RbfWidths

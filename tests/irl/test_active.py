@@ -85,7 +85,7 @@ class Numbers:
             log_evidence=0.0,
         )
 
-    def propose_queries(self, demos, *, rng):
+    def propose_queries(self, demos, posterior, *, rng):
         return list(rng.random(5) / len(demos))
 
     def outlook(self, queries, posterior):

@@ -14,7 +14,7 @@ from time import monotonic
 from typing import TypeVar
 
 from tablesetting.errors import WorkerDied
-from tablesetting.experiments.worker import GRACE, Worker, interrupts_held, result_of
+from tablesetting.worker import GRACE, Worker, interrupts_held, result_of
 
 ItemT = TypeVar("ItemT")
 ResultT = TypeVar("ResultT")

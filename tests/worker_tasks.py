@@ -9,7 +9,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from tablesetting.experiments.workers import map_unordered
+from tablesetting.workers import map_unordered
 
 NAMES = [f"{name}_NUM_THREADS" for name in ("OPENBLAS", "OMP", "MKL", "NUMBA")]
 SETTINGS_AT_IMPORT = [os.environ.get(name) for name in NAMES]

@@ -13,9 +13,9 @@ import pytest
 import worker_tasks
 from worker_tasks import Task
 
+from tablesetting import workers
 from tablesetting.errors import WorkerDied
-from tablesetting.experiments import workers
-from tablesetting.experiments.workers import map_unordered
+from tablesetting.workers import map_unordered
 
 
 def tasks_in(folder, numbers, fatal=None):
@@ -140,7 +140,7 @@ def test_workers_that_all_die_at_their_start_are_an_error(tmp_path):
     script = """
 import os
 from operator import neg
-from tablesetting.experiments.workers import map_unordered
+from tablesetting.workers import map_unordered
 if __name__ == "__mp_main__":
     os._exit(7)
 if __name__ == "__main__":
@@ -214,7 +214,7 @@ def test_no_worker_sees_an_interrupt_the_first_one_included(tmp_path):
 import sys
 sys.path.append({str(Path(worker_tasks.__file__).parent)!r})
 import worker_tasks
-from tablesetting.experiments.workers import map_unordered
+from tablesetting.workers import map_unordered
 if __name__ == "__main__":
     seen = dict(map_unordered(worker_tasks.sees_interrupts, range(2), num_jobs=2))
     print(*seen.values(), worker_tasks.sees_interrupts(0))
@@ -253,7 +253,7 @@ def test_the_main_module_is_imported_with_one_thread_too(tmp_path):
 import os
 import numpy as np
 THREADS = os.environ.get("OPENBLAS_NUM_THREADS"), len(os.listdir("/proc/self/task"))
-from tablesetting.experiments.workers import map_unordered
+from tablesetting.workers import map_unordered
 def tell(number):
     return THREADS
 if __name__ == "__main__":
@@ -263,6 +263,6 @@ if __name__ == "__main__":
 
 
 def test_nothing_heavy_is_imported_with_the_module():
-    code = "import sys, tablesetting.experiments.workers; print('numpy' in sys.modules)"
+    code = "import sys, tablesetting.workers; print('numpy' in sys.modules)"
     command = [sys.executable, "-c", code]
     assert subprocess.check_output(command, text=True) == "False\n"

@@ -4,8 +4,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
-from tablesetting.irl.arrays import Array
+Array = npt.NDArray[np.float64]
 
 _NUM_RESAMPLES = 2000
 _NUM_AT_ONCE = 200_000  # Values drawn.

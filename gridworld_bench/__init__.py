@@ -1,0 +1,1 @@
+"""The paper's grid worlds: action and critique queries on finite MDPs."""
