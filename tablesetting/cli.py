@@ -19,6 +19,7 @@ from tablesetting.command_line import (
     run_command,
     telling_why_it_stops,
 )
+from tablesetting.errors import InvalidFile
 from tablesetting.experiments.config import (
     DoctorConfig,
     ExportConfig,
@@ -27,6 +28,7 @@ from tablesetting.experiments.config import (
     ReplayConfig,
     RunConfig,
     ValidateConfig,
+    changed_options,
 )
 from tablesetting.experiments.study_config import (
     STUDIES,
@@ -288,6 +290,11 @@ def _inspect(config: InspectConfig) -> int:
 
     is_run = any((config.run / name).exists() for name in (CONFIG, RECORDING))
     if config.run.is_dir() and not is_run:
+        if given := changed_options(config, InspectConfig(config.run)):
+            raise InvalidFile(
+                f"'{config.run}' is no run, though it may hold some; name one, or leave "
+                f"out {', '.join(given)}"
+            )
         print(*list_runs(config.run), sep="\n")
         return 0
     recording = config.run / RECORDING if config.run.is_dir() else config.run

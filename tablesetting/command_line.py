@@ -33,6 +33,9 @@ def run_command(command: Callable[[], int]) -> int:
     Returns:
         The exit code: 0, 1 (the work failed), 2 (bad input) or 130 (interrupted).
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # A path may be any bytes.
     try:
         return command()
     except (InvalidFile, InvalidLayout, OutputError) as error:

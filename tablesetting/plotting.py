@@ -361,7 +361,6 @@ def plot_validation(
             list(np.stack([wanted, placements], axis=1)), colors="0.6", linewidths=0.7
         )
         first.add_collection(lines)
-        scale = Normalize(0.0, float(errors.max()) or 1.0)
         points = first.scatter(*wanted.T, c=errors, norm=scale, s=14.0, zorder=2)
         figure.colorbar(points, ax=first, label="error [table units]", shrink=0.8)
         first.set_ylabel("y [table units]")

@@ -107,20 +107,24 @@ class RunFolder:
             ) from error
 
     @contextlib.contextmanager
-    def locked(self) -> Iterator[None]:
+    def locked(self, *, is_shared: bool = False) -> Iterator[None]:
         """Keep other processes from writing here meanwhile; a kill ends that, too.
+
+        Args:
+            is_shared: Whether others may lock it so as well, as they only read.
 
         Raises:
             OutputError: If another process has it locked.
         """
         directory = os.open(self.path, os.O_RDONLY)
+        kind = fcntl.LOCK_SH if is_shared else fcntl.LOCK_EX
         try:
-            fcntl.flock(directory, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(directory, kind | fcntl.LOCK_NB)
         except BlockingIOError as error:
             os.close(directory)
+            remedy = "" if is_shared else " or choose another --out"
             raise OutputError(
-                f"another process is writing to '{self.path}'; wait for it or "
-                "choose another --out"
+                f"another process is using '{self.path}'; wait for it{remedy}"
             ) from error
         except OSError:
             pass  # This file system knows no locks.
@@ -137,9 +141,19 @@ class RunFolder:
                     found.unlink()
 
     def remove(self, *names: str) -> None:
-        """Remove files, if they are there."""
+        """Remove files, if they are there.
+
+        Raises:
+            OutputError: If one cannot be removed.
+        """
         for name in names:
-            (self.path / name).unlink(missing_ok=True)
+            try:
+                (self.path / name).unlink(missing_ok=True)
+            except OSError as error:
+                raise OutputError(
+                    f"cannot remove '{self.path / name}': {_reason(error)}; remove it "
+                    "yourself"
+                ) from error
 
     def remove_leftovers(self) -> None:
         """Remove what a kill left half written; nobody else may be writing."""
@@ -224,6 +238,22 @@ def read_rows(path: Path) -> list[Row]:
         raise InvalidFile(
             f"cannot read '{path}': {error}; mend it or remove it"
         ) from error
+
+
+def read_table(path: Path) -> list[Row]:
+    """Read a table that is all there.
+
+    Raises:
+        InvalidFile: If there is none, or a row has too few cells or too many.
+    """
+    rows = read_rows(path)
+    for number, row in enumerate(rows, start=1):
+        if None in row or None in row.values():
+            raise InvalidFile(
+                f"'{path}': row {number} has other cells than the header; mend it or "
+                "remove it"
+            )
+    return rows
 
 
 def read_json(path: Path, expected_format: str) -> dict[str, Any]:

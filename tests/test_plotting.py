@@ -1,14 +1,18 @@
+import io
+
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from tablesetting.curves import Curve, CurveKey
 from tablesetting.plotting import (
+    WorstLayout,
     plot_calibration,
     plot_execution,
     plot_learning,
     plot_placement_study,
     plot_query,
+    plot_validation,
 )
 
 ROWS = [
@@ -209,3 +213,20 @@ def test_executions_are_drawn_even_if_there_are_none(rows):
     figure = plot_execution(rows, "1 layouts")
     FigureCanvasAgg(figure).draw()
     assert len(figure.axes) >= 1 + bool(rows)
+
+
+def test_validated_weights_are_drawn_on_one_scale_and_in_one_window():
+    wanted = np.array([[0.5, 0.5], [0.4, 0.6]])
+    worst = WorstLayout("layout 1", {"cup": np.array([[0.1, 0.2]])}, *wanted)
+    validated = [
+        ("a$b$", wanted + 0.01, np.array([0.01, 0.02]), [worst]),
+        ("none", wanted, np.zeros(2), []),
+    ]
+    figure = plot_validation(wanted, validated, "against $x$")
+    first, second = (axes for axes in figure.axes if axes.get_ylabel().startswith("y"))
+    for axes in (first, second):
+        (points,) = (each for each in axes.collections if each.get_array() is not None)
+        assert (points.norm.vmin, points.norm.vmax) == (0.0, 0.02)
+        assert axes.get_xlim() == first.get_xlim()
+        assert axes.get_ylim() == first.get_ylim()
+    figure.savefig(io.BytesIO())  # Where no dollar starts a formula.

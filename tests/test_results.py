@@ -85,9 +85,9 @@ def test_a_locked_folder_is_locked_to_all_others(folder):
     folder.write_json(CONFIG, {"format": CONFIG_FORMAT})
     other = RunFolder(folder.path)
     with folder.locked():
-        with pytest.raises(OutputError, match="another process is writing"):
+        with pytest.raises(OutputError, match="another process is using"):
             other.locked().__enter__()
-        with pytest.raises(OutputError, match="another process is writing"):
+        with pytest.raises(OutputError, match="another process is using"):
             create(folder.path, overwrite=True)
     with other.locked():
         pass

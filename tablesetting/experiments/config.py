@@ -58,6 +58,18 @@ def refuse_above(config: object) -> None:
             raise ValueError(f"--{option} must be at most {bound}; got {value}")
 
 
+def changed_options(config: Any, unset: Any) -> list[str]:
+    """Name the options in which two configs differ, those of their groups, too."""
+    names = list[str]()
+    for name in (each.name for each in fields(config)):
+        value, other = getattr(config, name), getattr(unset, name)
+        if is_dataclass(value):
+            names += changed_options(value, other)
+        elif value != other:
+            names.append(f"--{name.replace('_', '-')}")
+    return sorted(names)
+
+
 def refuse_changed(config: object, names: tuple[str, ...], where: str) -> None:
     """Refuse options that are not what they are unless told, and would do nothing."""
     defaults = {each.name: each.default for each in fields(config)}  # type: ignore[arg-type]
@@ -356,7 +368,7 @@ class LearnConfig:
     seed: int = 0
     """Seed of all randomness."""
     out: Annotated[
-        Path | None, arg(help_behavior_hint="(default: runs/learn/TASK-STAMP)")
+        Path | None, arg(help_behavior_hint="(default: runs/learn/NAME-STAMP)")
     ] = None
     """Run folder."""
     resume: bool = False
@@ -380,26 +392,13 @@ class LearnConfig:
         if self.append is None:
             refuse_bad_resume(self)
             return
-        others = _changed(self, LearnConfig(self.demos)) - {"append", "resume"}
+        others = changed_options(self, LearnConfig(self.demos))
+        others = [name for name in others if name not in ("--append", "--resume")]
         if others:
-            options = ", ".join(
-                f"--{name.replace('_', '-')}" for name in sorted(others)
-            )
             raise ValueError(
-                f"--append goes on with the settings of its folder; leave out {options}"
+                "--append goes on with the settings of its folder; leave out "
+                f"{', '.join(others)}"
             )
-
-
-def _changed(config: Any, unset: Any) -> set[str]:
-    """Name the options that two configs do not share, those of their groups, too."""
-    names = set()
-    for name in (each.name for each in fields(config)):
-        value, other = getattr(config, name), getattr(unset, name)
-        if is_dataclass(value):
-            names |= _changed(value, other)
-        elif value != other:
-            names.add(name)
-    return names
 
 
 @dataclass(frozen=True)

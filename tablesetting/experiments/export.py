@@ -19,7 +19,7 @@ from tablesetting.results import (
     load_json,
     read_arrays,
     read_json,
-    read_rows,
+    read_table,
 )
 from tablesetting.reward.demonstration_table import columns_of
 from tablesetting.reward.files import DEMONSTRATIONS, read_demonstrations
@@ -53,14 +53,14 @@ def export(run: Path, form: str, out: Path, *, overwrite: bool) -> None:
         raise InvalidFile(f"'{run}' is no run; name the folder of one")
     temporary = out.with_name(f".{os.getpid()}-{out.name}")
     try:
-        with RunFolder(run).locked():
+        with RunFolder(run).locked(is_shared=True):
             _check_finished(run)
             temporary.mkdir(parents=True)
             FORMS[form](run, temporary)
         _mark(temporary, form)
-        if out.exists():
+        if overwrite and _is_export(out):
             shutil.rmtree(out)
-        temporary.rename(out)
+        temporary.rename(out)  # Fails if anything has come there meanwhile.
     except OSError as error:
         raise OutputError(
             f"cannot write '{out}': {error.strerror or error}; free some space or choose "
@@ -107,7 +107,7 @@ def _is_export(path: Path) -> bool:
 
 def _export_csv(run: Path, out: Path) -> None:
     """Write rounds and demonstrations as tables."""
-    rows = read_rows(run / ROUNDS)
+    rows = read_table(run / ROUNDS)
     if not rows:
         raise InvalidFile(f"'{run / ROUNDS}' has no rows; finish the run")
     _write_table(out / ROUNDS, list(rows[0]), [list(row.values()) for row in rows])

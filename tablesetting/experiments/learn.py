@@ -48,12 +48,12 @@ class RecordedSession:
     Attributes:
         config: The options.
         setup: What they resolve to.
-        folder: Holds settings and demonstrations already.
+        files: Write into the folder, which holds settings and demonstrations already.
     """
 
     config: LearnConfig
     setup: LearnSetup
-    folder: RunFolder
+    files: LearnFiles
 
     def learn(self) -> Generator[LearningRound, None, None]:
         """Learn from all demonstrations, and write the results.
@@ -64,8 +64,7 @@ class RecordedSession:
         Yields:
             One round per number of demonstrations.
         """
-        setup, before = self.setup, None
-        files = LearnFiles(self.folder, self.config, setup)
+        setup, files, before = self.setup, self.files, None
         rounds = learn_from(
             setup.problem,
             setup.demos,
@@ -104,10 +103,10 @@ def open_session(config: LearnConfig, out: Path) -> Iterator[RecordedSession]:
     setup = LearnSetup.of_config(config, task, demos)
     opened = open_folder(
         out,
-        _settings(config, task),
+        _settings(config, task, len(demos)),
         resume=config.resume,
         overwrite=config.overwrite,
-        check=lambda: _refuse_loss(out, len(demos)),
+        check=lambda: _refuse_loss(config, out, demos),
     )
     with opened as folder:
         if config.resume and (out / DEMONSTRATIONS).exists():
@@ -115,8 +114,9 @@ def open_session(config: LearnConfig, out: Path) -> Iterator[RecordedSession]:
             there = read_demonstrations(out / DEMONSTRATIONS)[1]
             if len(there) > len(demos):
                 setup = LearnSetup.of_config(config, task, there)
+        files = LearnFiles(folder, config, setup)
         _keep(folder, task, setup.demos)
-        yield RecordedSession(config, setup, folder)
+        yield RecordedSession(config, setup, files)
 
 
 @contextlib.contextmanager
@@ -136,18 +136,24 @@ def append_to_session(config: LearnConfig) -> Iterator[RecordedSession]:
     with folder.locked():
         folder.remove_leftovers()
         task, demos = read_demonstrations(path / DEMONSTRATIONS)
+        is_learned = _is_learned(path, len(demos))
+        if not is_learned and len(demos) <= _num_recorded(path):
+            raise InvalidFile(
+                f"'{path}' is not finished; go on there with --resume first, as "
+                f"`learn {settings.demos} --out {path} --resume`"
+            )
         latest = Demonstration(_layout_of(path, where, task), placement)
         # An asked layout may have been followed by the next one already.
         is_there = np.array_equal(demos[-1].placement, placement) and (
             where == "next" or np.array_equal(demos[-1].layout, latest.layout)
         )
-        is_learned = _is_learned(path, len(demos))
         _check_answer(config, demos[-1], is_there=is_there, is_learned=is_learned)
         if is_learned:
             demos.append(latest)
         setup = LearnSetup.of_config(settings, task, demos)
+        files = LearnFiles(folder, settings, setup)
         _keep(folder, task, demos)
-        yield RecordedSession(settings, setup, folder)
+        yield RecordedSession(settings, setup, files)
 
 
 def _layout_of(path: Path, where: str, task: PlacementTask) -> Array:
@@ -215,7 +221,16 @@ def read_settings(path: Path) -> LearnConfig:
     return config
 
 
-def _settings(config: LearnConfig, task: PlacementTask) -> dict[str, Any]:
+def _num_recorded(path: Path) -> int:
+    """Return how many demonstrations a folder began with; those after it are answers."""
+    resolved = read_json(path / CONFIG, CONFIG_FORMAT).get("resolved")
+    count = resolved.get("num_demos") if isinstance(resolved, dict) else None
+    return count if isinstance(count, int) else 0
+
+
+def _settings(
+    config: LearnConfig, task: PlacementTask, num_demos: int
+) -> dict[str, Any]:
     """Return the content of config.json; its paths hold from anywhere."""
     files = {"demos": config.demos, **given_files(config)}
     absolute = {option: str(path.resolve()) for option, path in files.items()}
@@ -223,7 +238,7 @@ def _settings(config: LearnConfig, task: PlacementTask) -> dict[str, Any]:
         "format": CONFIG_FORMAT,
         "command": "learn",
         "options": to_options(config, _OF_ONE_CALL) | absolute,
-        "resolved": {"task": task.name, **_hashes(files)},
+        "resolved": {"task": task.name, "num_demos": num_demos, **_hashes(files)},
         "versions": package_versions(),
     }
 
@@ -233,14 +248,34 @@ def _hashes(files: Mapping[str, Path]) -> dict[str, str]:
     return {f"{option}_sha256": hash_file(path) for option, path in files.items()}
 
 
-def _refuse_loss(out: Path, num_demos: int) -> None:
-    """Refuse to replace a folder in which there is more than is learned from now."""
+def _refuse_loss(
+    config: LearnConfig, out: Path, demos: Sequence[Demonstration]
+) -> None:
+    """Refuse to replace a folder with answers in it, or with what is learned from."""
+    for file in (config.demos, *given_files(config).values()):
+        if out.resolve() in file.resolve().parents:
+            raise OutputError(
+                f"'{out}' is not overwritten, because '{file}' is in it; choose another "
+                "--out"
+            )
     path = out / DEMONSTRATIONS
-    if path.exists() and len(there := read_demonstrations(path)[1]) > num_demos:
+    if not path.exists() or not (out / CONFIG).exists():
+        return
+    answers = read_demonstrations(path)[1][_num_recorded(out) :]
+    lost = [answer for answer in answers if not _is_among(answer, demos)]
+    if lost:
         raise OutputError(
-            f"'{out}' is not overwritten, because {len(there) - num_demos} more "
-            "demonstrations were appended there; choose another --out"
+            f"'{out}' is not overwritten, because what was appended there would be lost, "
+            f"{len(lost)} demonstrations; choose another --out"
         )
+
+
+def _is_among(demo: Demonstration, demos: Sequence[Demonstration]) -> bool:
+    return any(
+        np.array_equal(demo.layout, other.layout)
+        and np.array_equal(demo.placement, other.placement)
+        for other in demos
+    )
 
 
 def _keep(

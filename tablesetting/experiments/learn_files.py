@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from tablesetting.errors import InvalidFile
 from tablesetting.experiments.certificate import certificate_to_json
 from tablesetting.experiments.config import LearnConfig
 from tablesetting.experiments.learn_setup import LearnSetup
@@ -26,6 +27,7 @@ from tablesetting.results import (
     finite_or_none,
     numbers,
     read_rows,
+    read_table,
 )
 from tablesetting.reward.files import (
     LAYOUTS_FORMAT,
@@ -202,12 +204,18 @@ class LearnFiles:
 
 
 def _read_earlier(path: Path, first: int) -> list[Row]:
-    """Read the rows of up to so many demonstrations; none of a table that is damaged."""
-    rows = read_rows(path) if path.exists() else []
+    """Read the rows of up to so many demonstrations.
+
+    Raises:
+        InvalidFile: If the table is damaged.
+    """
+    rows = read_table(path) if path.exists() else []
     try:
         rows = [row for row in rows if int(row["num_demos"]) <= first]
         for column in rows[0] if rows else ():
             numbers(rows, column)
-    except (KeyError, TypeError, ValueError):
-        return []
+    except (KeyError, ValueError) as error:
+        raise InvalidFile(
+            f"'{path}' is damaged ({error}); remove it, to go on without earlier figures"
+        ) from error
     return sorted(rows, key=lambda row: int(row["num_demos"]))

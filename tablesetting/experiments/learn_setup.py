@@ -126,8 +126,8 @@ def _check_moves(
             space.sample_one_moved(demo.layout, 1, rng=rng)
         except InvalidLayout as error:
             raise InvalidFile(
-                f"demonstration {index} leads to no candidates, as {error}; pass "
-                "--candidates any, or --points"
+                f"demonstration {index} leads to no candidates, as {error}; learn in "
+                "another --out, with --candidates any or --points"
             ) from error
 
 

@@ -12,6 +12,7 @@ from rerun.chunk import RrdReader
 
 from tablesetting import cli
 from tablesetting.experiments.episodes import read_episode
+from tablesetting.experiments.export import FORMS
 from tablesetting.recording.viewer import LOCAL_ONLY, VIEWER
 from tablesetting.results import RunFolder
 from tablesetting.reward.files import read_demonstrations
@@ -144,11 +145,30 @@ def test_nothing_but_an_export_is_overwritten(vase_run, tmp_path, capsys):
     assert (own / "rounds.csv").read_text() == "mine"
 
 
+def test_what_comes_while_a_run_is_exported_stays(vase_run, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    for options in ([], ["--overwrite"]):
+
+        def write(run, path):
+            (path / "posterior.npz").write_text("exported")
+            out.mkdir(exist_ok=True)
+            (out / "mine.txt").write_text("mine")
+
+        monkeypatch.setitem(FORMS, "npz", write)
+        assert export(vase_run, "npz", out, *options) == 2
+        assert [path.name for path in tmp_path.iterdir()] == ["out"]
+        assert [path.name for path in out.iterdir()] == ["mine.txt"]
+        (out / "mine.txt").unlink()
+        out.rmdir()
+
+
 def test_a_run_that_is_not_finished_is_not_exported(vase_run, tmp_path, capsys):
     run, out = shutil.copytree(vase_run, tmp_path / "run"), tmp_path / "out"
     with RunFolder(run).locked():
         assert export(run, "csv", out) == 2
         assert "another process" in capsys.readouterr().err
+    with RunFolder(run).locked(is_shared=True):
+        assert export(run, "csv", tmp_path / "other") == 0
     (run / "summary.json").unlink()
     for form in ("csv", "npz", "lerobot"):
         assert export(run, form, out) == 2

@@ -180,8 +180,46 @@ def test_what_was_appended_is_not_overwritten(learned, recorded, capsys):
     argv = [recorded, *QUICK, "--out", learned]
     assert quick_cli.main(["learn", str(learned), "--append", "next", "0.5,0.5"]) == 0
     before = read_folder(learned)
-    assert "1 more demonstrations were" in refusal(capsys, *argv, "--overwrite")
+    assert "would be lost, 1 demonstrations" in refusal(capsys, *argv, "--overwrite")
+    own = [learned / "demonstrations.json", *QUICK, "--out", learned, "--overwrite"]
+    assert "is in it" in refusal(capsys, *own)
     assert read_folder(learned) == before
+    # Of others there are more, but that one is not among them.
+    argv[0] = RECORDED
+    assert "would be lost, 1 demonstrations" in refusal(capsys, *argv, "--overwrite")
+    assert read_folder(learned) == before
+
+
+def test_what_was_only_recorded_is_overwritten(learned, recorded, tmp_path):
+    content = json.loads(recorded.read_text())
+    fewer = tmp_path / "fewer.json"
+    shorter = {"demonstrations": content["demonstrations"][:2]}
+    fewer.write_text(json.dumps(content | shorter))
+    argv = ["learn", str(fewer), *QUICK, "--out", str(learned), "--overwrite"]
+    assert quick_cli.main(argv) == 0
+    assert len(read_demonstrations(learned / "demonstrations.json")[1]) == 2
+
+
+def test_a_first_session_that_was_cut_short_is_finished_first(
+    learned, recorded, capsys
+):
+    for name in ("summary.json", "next_layout.json"):
+        (learned / name).unlink()
+    error = refusal(capsys, learned, "--append", "next", "0.5,0.5")
+    assert f"learn {recorded} --out {learned} --resume" in error
+    assert len(read_demonstrations(learned / "demonstrations.json")[1]) == 4
+
+
+@pytest.mark.parametrize(
+    "damage", [lambda t: t[:150], lambda t: t + "4,5\n", str.upper]
+)
+def test_a_damaged_table_costs_no_answer(learned, capsys, damage):
+    table = learned / "rounds.csv"
+    table.write_text(damage(table.read_text()))
+    before = names_in(learned)
+    assert "rounds.csv" in refusal(capsys, learned, "--append", "next", "0.5,0.5")
+    assert names_in(learned) == before
+    assert len(read_demonstrations(learned / "demonstrations.json")[1]) == 4
 
 
 def test_a_session_goes_on_however_its_files_are_named(learned, recorded, monkeypatch):
@@ -229,6 +267,10 @@ def test_only_given_layouts_are_asked_about(recorded, tmp_path):
     assert [row["num_demos"] for row in content["rounds.csv"]] == ["1", "2", "3", "4"]
     one = ["--append", str(out / "next_layout.json"), "0.5,0.5"]
     assert quick_cli.main(["learn", str(out), *one]) == 0
+
+
+def names_in(folder):
+    return sorted(path.name for path in folder.iterdir())
 
 
 def interrupt(*_):

@@ -2,6 +2,7 @@ import json
 
 import pytest
 
+from tablesetting import cli
 from tablesetting.errors import InvalidFile
 from tablesetting.experiments.listing import list_runs
 
@@ -47,3 +48,14 @@ def test_every_run_has_a_line_whatever_state_it_is_in(tmp_path):
 def test_a_folder_without_runs_is_named(tmp_path):
     with pytest.raises(InvalidFile, match="holds none; name the folder of a run"):
         list(list_runs(tmp_path))
+
+
+def test_options_of_a_single_run_are_refused_for_many(tmp_path, capsys):
+    write(tmp_path / "a", config=CONFIG, summary=SUMMARY)
+    shot = tmp_path / "shot.png"
+    for options in (["--screenshot", str(shot)], ["--text"], ["--query", "2"]):
+        assert cli.main(["inspect", str(tmp_path), *options]) == 2
+        error = capsys.readouterr().err
+        assert f"leave out {options[0]}" in error
+        assert error.count("\n") == 1
+    assert not shot.exists()
