@@ -54,6 +54,31 @@ class MdpOutlook:
         losses = self._losses_at(self.mdp.initial_states)
         return losses[:, self._compared]
 
+    @cached_property
+    def path_losses(self) -> Array:
+        r"""What the distinct pairs of each path lose under each sample, (Q, N).
+
+        A pair loses :math:`V^*(s) - Q^*(s, a)`: what a policy loses is the discounted sum
+        of these along its way (Kakade & Langford 2002). A path that runs in circles
+        counts each pair once, as its label is known after that.
+        """
+        pairs = [np.stack(query.distinct_pairs(), axis=1) for query in self.queries]
+        distinct, inverse = np.unique(
+            np.concatenate(pairs), axis=0, return_inverse=True
+        )
+        states, actions = distinct.T
+        mdp, posterior = self.mdp, self.posterior
+        values = posterior.optimal_values.T
+        reached = mdp.successors[states, actions]
+        chances = mdp.probabilities[states, actions]
+        expected = np.einsum("pb,pbn->pn", chances, values[reached])
+        rewards = mdp.features[states] @ posterior.weights.T
+        losses = values[states] - rewards
+        losses -= mdp.continuations[states][:, None] * expected
+        ends = np.cumsum([len(each) for each in pairs])[:-1]
+        rows = np.split(inverse.ravel(), ends)
+        return np.stack([np.maximum(losses[each], 0.0).sum(axis=0) for each in rows])
+
     def answers(self, query: int) -> Answers:
         """Return all answers: each action, or each way to judge the pairs of a path."""
         asked = self.queries[query]

@@ -1,4 +1,4 @@
-"""Which question to ask next in an MDP: strategies of the table, and two of its own."""
+"""Which question to ask next in an MDP: strategies of the table, and three of its own."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from gridworld_bench.outlook import MdpOutlook
 from gridworld_bench.problem import Proposer
 from gridworld_bench.queries import propose_roll_outs, propose_states
 from tablesetting.irl.arrays import Array
-from tablesetting.irl.risk import RiskConfig
+from tablesetting.irl.risk import RiskConfig, value_at_risk
 from tablesetting.irl.strategies import STRATEGIES
 
 _NUM_BINS = 10
@@ -63,6 +63,26 @@ def score_active_sampling(
     return np.asarray(-(shares * logs).sum(axis=-1).mean(axis=-1))
 
 
+def score_path_var(
+    outlook: MdpOutlook, risk: RiskConfig, rng: np.random.Generator
+) -> Array:
+    r"""Score paths by the :math:`\alpha`-VaR of what their distinct pairs lose.
+
+    The loss from a start, which `active-var` looks at, is dominated by the circle that
+    the robot's policy ends in. To have that judged again tells nothing, so here each pair
+    counts once.
+
+    Args:
+        outlook: What the posterior says of Q critique queries.
+        risk: The quantile.
+        rng: Not used.
+
+    Returns:
+        Value at risk, shape (Q,), in the unit of the reward.
+    """
+    return value_at_risk(outlook.path_losses, risk.alpha, rank_offset=risk.rank_offset)
+
+
 _SHARED = ("active-var", "random", "cvar", "information-gain", "max-regret")
 
 ACTION_METHODS: Mapping[str, Method] = {
@@ -73,6 +93,7 @@ ACTION_METHODS: Mapping[str, Method] = {
 
 CRITIQUE_METHODS: Mapping[str, Method] = {
     **{name: Method(propose_roll_outs, STRATEGIES[name]) for name in _SHARED},
+    "path-var": Method(propose_roll_outs, score_path_var),
     "arc": Method(propose_informative_paths, score_arc),
 }
 """For critique queries, by name."""

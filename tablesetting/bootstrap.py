@@ -74,3 +74,22 @@ def estimate(values: Array, *, rng: np.random.Generator) -> dict[str, Estimate]:
         )
         for name, statistic in STATISTICS.items()
     }
+
+
+def estimate_ratio(
+    values: Array, others: Array, *, rng: np.random.Generator
+) -> Estimate:
+    """Estimate the ratio of two means of a paired sample, by the same bootstrap.
+
+    Args:
+        values: The sample above, shape (L,).
+        others: The one below, of the same cases, shape (L,), of positive mean.
+        rng: Source of the resampling.
+    """
+    ratio = float(values.mean() / others.mean())
+    if len(values) < 2:
+        return Estimate(ratio, None, None)
+    drawn = rng.integers(len(values), size=(_NUM_RESAMPLES, len(values)))
+    ratios = values[drawn].sum(axis=1) / np.maximum(others[drawn].sum(axis=1), 1e-300)
+    tail = (1.0 - _CONFIDENCE) / 2.0
+    return Estimate(ratio, *np.quantile(ratios, [tail, 1.0 - tail]).tolist())

@@ -161,6 +161,36 @@ def plot_placement_study(ours: Curves, published: Curves, title: str) -> Figure:
     return figure
 
 
+def plot_strategies(
+    ours: Curves, published: Curves, title: str, xlabel: str, ylabel: str
+) -> Figure:
+    """Draw a curve for each strategy, the published ones behind.
+
+    Args:
+        ours: Curves of one task and quantity.
+        published: Curves of the paper, of the same names.
+        title: The settings.
+        xlabel: What the curves are over.
+        ylabel: What they are of.
+
+    Returns:
+        The figure; bars are half a standard deviation over the trials.
+    """
+    figure = Figure(figsize=(7.4, 4.2), layout="constrained")
+    axes = figure.subplots()
+    looks = cycle(product(_STYLES, _STRATEGIES))
+    for key, (style, color) in zip(ours, looks, strict=False):
+        _draw_both(axes, key, key.strategy, color, ours, published, style)
+    axes.set(xlabel=xlabel, ylabel=ylabel)
+    axes.set_ylim(0.0, None)
+    axes.margins(x=0.03)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    _write_title(figure, title)
+    return figure
+
+
 def plot_calibration(
     points: Sequence[tuple[str, int, float, float, float]],
     promised: float,

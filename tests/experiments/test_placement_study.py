@@ -465,7 +465,7 @@ def test_a_folder_is_written_by_one_process_at_a_time(whole, tmp_path, capsys):
     with RunFolder(folder).locked():
         assert study(folder, *SMALL, "--resume") == 2
         assert study(folder, *SMALL, "--overwrite") == 2
-    assert capsys.readouterr().err.count("another process is writing") == 2
+    assert capsys.readouterr().err.count("another process is using") == 2
     assert study(folder, *SMALL, "--resume") == 0
 
 

@@ -147,6 +147,24 @@ def test_active_sampling_is_the_entropy_of_ten_bins():
         assert scores[k] == pytest.approx(np.mean(entropies))
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_path_loses_what_its_distinct_pairs_do(kind):
+    problem = problem_of(kind, CRITIQUE_METHODS["path-var"])
+    mdp, posterior = problem.mdp, posterior_of(problem)
+    queries = problem.propose_queries([], posterior, rng=np.random.default_rng(0))
+    outlook = problem.outlook(queries, posterior)
+    for sample in (0, 150):
+        solution = solve(mdp, mdp.rewards(posterior.weights[sample]))
+        for k in (0, len(queries) - 1):
+            pairs = set(zip(queries[k].states, queries[k].actions, strict=True))
+            expected = sum(
+                solution.values[state] - solution.q_values[state, action]
+                for state, action in pairs
+            )
+            found = outlook.path_losses[k, sample]
+            assert found == pytest.approx(expected, abs=1e-9)
+
+
 def test_information_of_labels_by_hand():
     shares = np.array([0.5, 0.5])
     good = np.array([[1.0, 0.5, 1.0], [0.0, 0.5, 1.0]])

@@ -1,0 +1,79 @@
+"""The paper's experiments in grid worlds, a command each."""
+
+import contextlib
+import os
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import cast
+
+from gridworld_bench.experiments.config import CONFIGS, StudyConfig
+from tablesetting.command_line import (
+    is_tenth,
+    new_folder,
+    num_cores,
+    parse,
+    resume_advice,
+    run_command,
+    telling_why_it_stops,
+)
+
+# The matrices are small: a second thread would only spin.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Args:
+        argv: Arguments after the program's name; those of the process if None.
+
+    Returns:
+        The exit code: 0, 1 (the work failed), 2 (bad input) or 130 (interrupted).
+    """
+
+    def command() -> int:
+        arguments = list(sys.argv[1:] if argv is None else argv)
+        config = parse(
+            arguments, CONFIGS, prog="gridworld-bench", description=__doc__ or ""
+        )
+        return _study(cast(StudyConfig, config))
+
+    return run_command(command)
+
+
+def _study(config: StudyConfig) -> int:
+    from tqdm import tqdm
+
+    from gridworld_bench.experiments.results import finish
+    from gridworld_bench.experiments.study import Study
+    from gridworld_bench.experiments.trials import load_kernels
+
+    out = config.out or new_folder(Path("runs", "grid"), config.name)
+    with Study.open(config, out) as study:
+        num_before = len(study.rows)
+        num_trials = num_before + len(study.unfinished)
+
+        def progress() -> str:
+            return (
+                f"{len(study.rows)} of {num_trials} trials are in "
+                f"{shlex.quote(str(out))}; {resume_advice(out)}"
+            )
+
+        with telling_why_it_stops(progress):
+            if study.unfinished:
+                load_kernels()  # Lest every process compile them.
+            with (
+                contextlib.closing(study.run(config.jobs or num_cores())) as trials,
+                tqdm(
+                    total=num_trials, initial=num_before, unit="trial", disable=None
+                ) as bar,
+            ):
+                for num_done, _ in enumerate(trials, start=num_before + 1):
+                    bar.update()
+                    if bar.disable and is_tenth(num_done, num_trials):
+                        print(f"{num_done} of {num_trials} trials", flush=True)
+            lines = finish(study)
+    print(*lines, sep="\n")
+    return 0

@@ -1,0 +1,1 @@
+"""The paper's experiments in grid worlds, each a study over many trials."""

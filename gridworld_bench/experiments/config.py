@@ -1,0 +1,123 @@
+"""The options of each command; light to import, so that --help is answered at once."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal
+
+from tyro.conf import arg
+
+ActionStrategy = Literal[
+    "active-var", "random", "active-sampling", "cvar", "information-gain", "max-regret"
+]
+CritiqueStrategy = Literal[
+    "active-var", "random", "arc", "path-var", "cvar", "information-gain", "max-regret"
+]
+
+_LEAST = {
+    "num_trials": 1,
+    "num_queries": 0,
+    "size": 2,
+    "num_features": 1,
+    "jobs": 1,
+    "seed": 0,
+}
+_MOST = {
+    "num_trials": 100_000,
+    "num_queries": 10_000,
+    "size": 128,
+    "num_features": 1024,
+    "jobs": 1000,
+}
+
+
+@dataclass(frozen=True)
+class StudyConfig:
+    """What every study has."""
+
+    num_trials: int = 100
+    """Worlds, in each of which every strategy learns."""
+    num_queries: int = 24
+    """Queries after the first demonstration."""
+    preset: Literal["paper", "default"] = "paper"
+    """The paper's chain of 10 000 samples, or the sound one, which is slower."""
+    jobs: Annotated[int | None, arg(help_behavior_hint="(default: the cores)")] = None
+    """Processes; the rows do not depend on it."""
+    seed: int = 0
+    """Seed of all randomness."""
+    out: Annotated[
+        Path | None, arg(help_behavior_hint="(default: runs/grid/NAME-STAMP)")
+    ] = None
+    """Folder for the results."""
+    resume: bool = False
+    """Go on with the study in --out; start it if there is none."""
+    overwrite: bool = False
+    """Replace an earlier study in the folder."""
+
+    name: ClassVar[str]
+    """Of the command."""
+    strategies: ClassVar[tuple[str, ...]]
+    """Who asks."""
+
+    def __post_init__(self) -> None:
+        for name, bound in _LEAST.items():
+            if (value := getattr(self, name, None)) is not None and value < bound:
+                option = name.replace("_", "-")
+                raise ValueError(f"--{option} must be at least {bound}; got {value}")
+        for name, bound in _MOST.items():
+            if (value := getattr(self, name, None)) is not None and value > bound:
+                option = name.replace("_", "-")
+                raise ValueError(f"--{option} must be at most {bound}; got {value}")
+        if self.resume and (self.out is None or self.overwrite):
+            raise ValueError("--resume goes with --out, and not with --overwrite")
+        if len(set(self.strategies)) < max(len(self.strategies), 1):
+            given = " ".join(self.strategies) or "none"
+            raise ValueError(
+                f"--strategies must name one at least, and each once; got {given}"
+            )
+
+
+@dataclass(frozen=True)
+class ActionQueriesConfig(StudyConfig):
+    """Ask for the best action in a state: Figure 2 of the paper."""
+
+    strategies: tuple[ActionStrategy, ...] = (  # type: ignore[misc]
+        "active-var",
+        "active-sampling",
+        "random",
+    )
+    """Who asks."""
+    size: int = 8
+    """Cells on each side."""
+    num_features: int = 48
+    """Features of each cell."""
+
+    name: ClassVar[str] = "action-queries"
+
+
+@dataclass(frozen=True)
+class CritiqueQueriesConfig(StudyConfig):
+    """Have paths of 8 steps judged: Figure 3a of the paper."""
+
+    num_trials: int = 50
+    """Worlds, in each of which every strategy learns."""
+    num_queries: int = 12
+    """Queries after the first demonstration."""
+    strategies: tuple[CritiqueStrategy, ...] = (  # type: ignore[misc]
+        "active-var",
+        "arc",
+        "random",
+        "path-var",
+    )
+    """Who asks."""
+    size: int = 8
+    """Cells on each side."""
+    num_features: int = 48
+    """Features of each cell."""
+
+    name: ClassVar[str] = "critique-queries"
+
+
+CONFIGS = {
+    config.name: config for config in (ActionQueriesConfig, CritiqueQueriesConfig)
+}
+"""The options of each command, by its name."""

@@ -1,0 +1,209 @@
+"""What a study found: a summary, a table, and a figure with the published curves."""
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gridworld_bench.experiments.config import StudyConfig
+from gridworld_bench.experiments.study import Study
+from tablesetting.bootstrap import Estimate, estimate_ratio
+from tablesetting.curves import Curve, CurveKey, read_published
+from tablesetting.irl.arrays import Array
+from tablesetting.plotting import plot_strategies
+from tablesetting.results import ROUNDS, SUMMARY, Row, RunFolder, numbers, read_rows
+
+TABLE = "comparison.md"
+FIGURE = "figures/comparison.png"
+QUANTITY = "policy_loss"
+
+_PUBLISHED = Path(__file__).with_name("published.csv")
+_PUBLISHED_TRIALS = 100
+_AREA = (3, 20)  # Queries, both included, that an area is over.
+
+
+@cache
+def published_curves() -> dict[CurveKey, Curve]:
+    """Return the curves of Figures 2 and 3a of Brown, Cui and Niekum (2018).
+
+    The points and error bars, of half a standard deviation, are the plot data in the
+    LaTeX source of the paper; the first point is before any query.
+    """
+    return read_published(_PUBLISHED, _PUBLISHED_TRIALS)
+
+
+def finish(study: Study) -> list[str]:
+    """Write what a complete study found; return it in words, line by line."""
+    folder, config = study.folder, study.config
+    folder.write_rows(study.ordered_rows)
+    rows = read_rows(folder.path / ROUNDS)
+    losses = losses_of(rows, config)
+    ratios = area_ratios(losses, config)
+    lines = _tell(losses, ratios, config, rows)
+    folder.write(TABLE, lambda path: path.write_text("\n".join(lines) + "\n"))
+    _draw(folder, losses, config)
+    folder.write_json(SUMMARY, summarize(losses, ratios, rows, config))
+    return [
+        *lines,
+        "",
+        f"table: {folder.path / TABLE}",
+        f"figure: {folder.path / FIGURE}",
+    ]
+
+
+def losses_of(
+    rows: Sequence[Row], config: StudyConfig, column: str = QUANTITY
+) -> dict[str, Array]:
+    """Return a column as shape (trials, queries + 1), for each strategy."""
+    shape = (config.num_trials, config.num_queries + 1)
+    return {
+        strategy: np.reshape(
+            numbers([row for row in rows if row["strategy"] == strategy], column), shape
+        )
+        for strategy in config.strategies
+    }
+
+
+def normalized(losses: Array) -> Array:
+    """Return mean losses by their value before the first query, (queries + 1,)."""
+    means = losses.mean(axis=0)
+    return np.asarray(means / means[0]) if means[0] > 0.0 else means
+
+
+def area_ratios(
+    losses: Mapping[str, Array], config: StudyConfig
+) -> dict[str, dict[str, Estimate]]:
+    """Compare the area under each strategy's curve with that of each other one.
+
+    Trials are paired: the same worlds are drawn again for both.
+    """
+    first, last = _AREA
+    if config.num_queries < first:
+        return {name: {} for name in losses}
+    areas = {
+        name: each[:, first : last + 1].sum(axis=1) for name, each in losses.items()
+    }
+    rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(0, 1)))
+    return {
+        name: {
+            other: estimate_ratio(area, areas[other], rng=rng)
+            for other in areas
+            if other != name and areas[other].any()
+        }
+        for name, area in areas.items()
+    }
+
+
+def summarize(
+    losses: Mapping[str, Array],
+    ratios: Mapping[str, Mapping[str, Estimate]],
+    rows: Sequence[Row],
+    config: StudyConfig,
+) -> dict[str, Any]:
+    """Return the content of summary.json."""
+    seconds = {
+        kind: losses_of(rows, config, f"{kind}_seconds")
+        for kind in ("query", "inference")
+    }
+    return {
+        "world": config.name,
+        "num_trials": config.num_trials,
+        "num_queries": config.num_queries,
+        "preset": config.preset,
+        "seed": config.seed,
+        "strategies": {
+            name: {
+                "mean_policy_loss": each.mean(axis=0).tolist(),
+                "normalized_policy_loss": normalized(each).tolist(),
+                "area_ratio": {
+                    other: {"value": ratio.value, "low": ratio.low, "high": ratio.high}
+                    for other, ratio in ratios[name].items()
+                },
+                "query_seconds": float(np.median(seconds["query"][name])),
+                "inference_seconds": float(np.median(seconds["inference"][name])),
+            }
+            for name, each in losses.items()
+        },
+    }
+
+
+def _tell(
+    losses: Mapping[str, Array],
+    ratios: Mapping[str, Mapping[str, Estimate]],
+    config: StudyConfig,
+    rows: Sequence[Row],
+) -> list[str]:
+    published = published_curves()
+    shown = [
+        k for k in (0, 1, 2, 3, 5, 7, 9, 11, 12, 15, 20, 24) if k <= config.num_queries
+    ]
+    lines = [
+        f"# {config.name}: preset {config.preset}, seed {config.seed}, "
+        f"{config.num_trials} trials",
+        "",
+        "Mean policy loss after as many queries, by its value before the first. Paper: "
+        "the same of the published points.",
+        "",
+        f"| strategy | {' | '.join(map(str, shown))} |",
+        "|---" * (len(shown) + 1) + "|",
+    ]
+    for name, each in losses.items():
+        cells = [f"{value:.3f}" for value in normalized(each)[shown]]
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+        key = CurveKey(config.name, name, QUANTITY)
+        if key in published:
+            means = published[key].means
+            cells = [
+                f"{means[k] / means[0]:.3f}" if k < len(means) else "" for k in shown
+            ]
+            lines.append(f"| paper: {name} | {' | '.join(cells)} |")
+    first, last = _AREA
+    if any(ratios.values()):
+        lines += [
+            "",
+            f"Area under the curve over queries {first} to {last}, as a share of another's, "
+            "with 95 % intervals (paired bootstrap):",
+            "",
+        ]
+    for name, others in ratios.items():
+        if others:
+            told = ", ".join(f"{ratio} of {other}" for other, ratio in others.items())
+            lines.append(f"- {name}: {told}")
+    lines += ["", "| strategy | query [ms] | inference [s] |", "|---|---|---|"]
+    for name in losses:
+        query, inference = (
+            float(np.median(losses_of(rows, config, f"{kind}_seconds")[name]))
+            for kind in ("query", "inference")
+        )
+        lines.append(f"| {name} | {1e3 * query:.1f} | {inference:.3f} |")
+    return lines
+
+
+def _draw(folder: RunFolder, losses: Mapping[str, Array], config: StudyConfig) -> None:
+    counts = np.arange(config.num_queries + 1.0)
+    ours = {}
+    for name, each in losses.items():
+        scale = float(each[:, 0].mean()) or 1.0
+        curve = Curve(counts, normalized(each), each.std(axis=0) / scale, len(each))
+        ours[CurveKey(config.name, name, QUANTITY)] = curve
+    published = {
+        key: Curve(
+            curve.num_demos,
+            curve.means / curve.means[0],
+            curve.stds / curve.means[0],
+            curve.num_trials,
+        )
+        for key, curve in published_curves().items()
+        if key.task == config.name
+    }
+    figure = plot_strategies(
+        ours,
+        published,
+        f"{config.name}: {config.num_trials} trials, preset {config.preset}, "
+        f"seed {config.seed}",
+        xlabel="queries",
+        ylabel="mean policy loss, by that before the first",
+    )
+    folder.write(FIGURE, figure.savefig)

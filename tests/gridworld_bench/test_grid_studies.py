@@ -1,0 +1,122 @@
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from gridworld_bench import cli
+from gridworld_bench.experiments import trials
+from gridworld_bench.experiments.results import normalized, published_curves
+from gridworld_bench.posterior import CoordinateChain
+from gridworld_bench.problem import MdpConfig
+from tablesetting.curves import CurveKey
+
+SMALL = (
+    "--num-trials",
+    "2",
+    "--num-queries",
+    "3",
+    "--size",
+    "4",
+    "--num-features",
+    "6",
+)
+COMMANDS = ("action-queries", "critique-queries")
+
+
+@pytest.fixture(autouse=True)
+def short_chains(monkeypatch):
+    short = MdpConfig(CoordinateChain(num_samples=60))
+    monkeypatch.setattr(trials, "mdp_config", lambda config: short)
+
+
+def run(command, out, *options):
+    return cli.main([command, *SMALL, "--jobs", "1", "--out", str(out), *options])
+
+
+def rows_of(out):
+    with (out / "rounds.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    return [
+        {name: cell for name, cell in row.items() if not name.endswith("seconds")}
+        for row in rows
+    ]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_study_writes_what_it_found(command, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert run(command, out) == 0
+    said = capsys.readouterr().out
+    assert "paper: active-var" in said
+    assert (out / "comparison.md").read_text() in said
+    rows = rows_of(out)
+    summary = json.loads((out / "summary.json").read_text())
+    num_strategies = len(summary["strategies"])
+    assert len(rows) == 2 * 4 * num_strategies
+    own = [row for row in rows if row["strategy"] == "random"]
+    losses = np.reshape([float(row["policy_loss"]) for row in own], (2, 4))
+    found = summary["strategies"]["random"]
+    np.testing.assert_allclose(found["mean_policy_loss"], losses.mean(axis=0))
+    np.testing.assert_allclose(found["normalized_policy_loss"], normalized(losses))
+    firsts = {row["policy_loss"] for row in rows if row["num_queries"] == "0"}
+    assert len(firsts) == 2  # All strategies start alike in each of the two worlds.
+    assert (out / "figures" / "comparison.png").exists()
+
+
+def test_a_study_goes_on_after_a_kill_to_the_same_rows(tmp_path, capsys):
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    assert run("action-queries", whole) == 0
+    assert run("action-queries", cut) == 0
+    table = cut / "rounds.csv"
+    header, *lines = table.read_text().splitlines(keepends=True)
+    # The last trial came first, others are missing, and one was cut within a cell.
+    table.write_text("".join([header, *lines[20:], *lines[:8], lines[8][:-9]]))
+    (cut / "summary.json").unlink()
+    assert run("action-queries", cut, "--resume") == 0
+    assert rows_of(cut) == rows_of(whole)
+    assert run("action-queries", cut, "--resume", "--seed", "1") == 2
+    assert "seed = 0, not 1" in capsys.readouterr().err
+    assert run("action-queries", cut) == 2
+    assert "--overwrite" in capsys.readouterr().err
+
+
+def test_rows_do_not_depend_on_the_processes(tmp_path, monkeypatch):
+    monkeypatch.undo()  # Other processes would not have it.
+    argv = ["action-queries", *SMALL, "--num-trials", "1", "--strategies", "random"]
+    argv += ["active-var"]
+    for jobs in ("1", "2"):
+        assert cli.main([*argv, "--jobs", jobs, "--out", str(tmp_path / jobs)]) == 0
+    assert rows_of(tmp_path / "1") == rows_of(tmp_path / "2")
+
+
+@pytest.mark.parametrize(
+    ("argv", "part"),
+    [
+        (["drive"], "'drive'"),
+        (["action-queries", "--num-trials", "0"], "at least 1"),
+        (["action-queries", "--num-trials", "1000001"], "at most 100000"),
+        (["action-queries", "--strategies", "arc"], "arc"),
+        (["action-queries", "--strategies"], "none"),
+        (["critique-queries", "--strategies", "arc", "arc"], "arc arc"),
+        (["action-queries", "--size", "1"], "--size"),
+        (["action-queries", "--seed", "-1"], "--seed"),
+        (["action-queries", "--resume"], "--out"),
+        (["action-queries", "--preset", "mine"], "mine"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(argv, part, capsys):
+    try:
+        code = cli.main(argv)
+    except SystemExit as stop:
+        code = stop.code
+    error = capsys.readouterr().err
+    assert code == 2
+    assert part in error
+    assert error.count("\n") == 1
+
+
+def test_the_published_points_begin_before_any_query():
+    curve = published_curves()[CurveKey("action-queries", "active-var", "policy_loss")]
+    assert curve.num_demos.tolist() == list(range(25))
+    assert curve.means[[0, 9, 24]] == pytest.approx([1.7596, 0.5256, 0.3630], abs=1e-4)
