@@ -60,6 +60,13 @@ class Pairs(NamedTuple):
     """Where its action leads, then the others, if that is certain, (K, A)."""
 
 
+_NONE = np.empty(0, dtype=np.uint32)
+NO_PAIRS = Pairs(
+    _NONE, _NONE, np.empty(0, np.intp), np.empty(0), np.empty((0, 0), np.uint32)
+)
+"""Nothing was judged."""
+
+
 class Workspace(NamedTuple):
     """Arrays that are written anew for each reward."""
 

@@ -4,33 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gridworld_bench.grid import ACTIONS, grid_successors
 from gridworld_bench.mdp import Mdp
-from tablesetting.irl.arrays import Array, Indices, normalize_l1
+from tablesetting.irl.arrays import Array, normalize_l1
 
-ACTIONS = ("up", "down", "left", "right")
-"""Names of the actions; one that leads off the grid stays where it is."""
-
-_MOVES = ((-1, 0), (1, 0), (0, -1), (0, 1))  # Rows and columns.
 DISCOUNT = 0.95
-
-EXAMPLE = (
-    "yyyyy",
-    "ywwby",
-    "ywgby",
-    "ywwbw",
-    "yyyyw",
-)
-
-
-def grid_successors(num_rows: int, num_columns: int) -> Indices:
-    """Return where each action leads, row by row, shape (S, A, 1)."""
-    rows, columns = np.divmod(np.arange(num_rows * num_columns), num_columns)
-    moved = [
-        np.clip(rows + down, 0, num_rows - 1) * num_columns
-        + np.clip(columns + right, 0, num_columns - 1)
-        for down, right in _MOVES
-    ]
-    return np.stack(moved, axis=1)[..., None]
 
 
 def make_grid(

@@ -13,8 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from gridworld_bench import _kernels
-from gridworld_bench._kernels import Pairs, World
-from gridworld_bench.gridworlds import grid_successors
+from gridworld_bench._kernels import Pairs
 from gridworld_bench.mdp import Mdp
 from tablesetting.irl.arrays import Array, Booleans, Indices
 from tablesetting.irl.random_walk import Proposals
@@ -78,7 +77,7 @@ class MdpLikelihood:
     def weigh(self, weights: Array) -> tuple[Array, Array]:
         """Return log likelihoods, (N,), and optimal values, (N, S), of weights (N, D)."""
         rewards = self.mdp.rewards(weights)
-        return _kernels.weigh_all(self._world, rewards, self._pairs, self.beta)
+        return _kernels.weigh_all(self.mdp.compiled, rewards, self._pairs, self.beta)
 
     def walk(self, start: Array, log_likelihoods: Array, proposals: Proposals) -> Walk:
         """Take steps as `irl.random_walk.walk` does.
@@ -87,7 +86,7 @@ class MdpLikelihood:
         has no other.
         """
         states, logs, is_taken = _kernels.walk_sphere(
-            self._world,
+            self.mdp.compiled,
             self._columns,
             self._pairs,
             self.beta,
@@ -111,7 +110,7 @@ class MdpLikelihood:
     ) -> tuple[Array, Array, Array, Array, float, int]:
         """Walk the paper's chain, see `_kernels.walk_coordinates`."""
         return _kernels.walk_coordinates(
-            self._world,
+            self.mdp.compiled,
             self._columns,
             self._pairs,
             self.beta,
@@ -127,17 +126,13 @@ class MdpLikelihood:
         return np.ascontiguousarray(self.mdp.features.T)
 
     @cached_property
-    def _world(self) -> World:
-        return compile_world(self.mdp)
-
-    @cached_property
     def _pairs(self) -> Pairs:
         """Distinct pairs with how often each occurs, as the kernels take them."""
         signs = np.where(self.evidence.is_good, 1, -1)
         stacked = np.stack([self.evidence.states, self.evidence.actions, signs], axis=1)
         distinct, counts = np.unique(stacked, axis=0, return_counts=True)
         states, actions, signs = distinct.T
-        nexts = self._world.nexts
+        nexts = self.mdp.compiled.nexts
         paths = np.empty((len(distinct), len(nexts)), dtype=np.uint32)
         for row, state, action in zip(paths, states, actions, strict=True):
             if len(nexts):
@@ -150,25 +145,3 @@ class MdpLikelihood:
             counts.astype(np.float64),
             paths,
         )
-
-
-def compile_world(mdp: Mdp) -> World:
-    """Return a world as the kernels take it."""
-    is_certain = mdp.successors.shape[2] == 1
-    nexts = np.empty((0, 0), dtype=np.uint32)
-    if is_certain:
-        nexts = np.ascontiguousarray(mdp.successors[:, :, 0].T.astype(np.uint32))
-    sides = _sides(mdp) if is_certain and not mdp.is_terminal.any() else (0, 0)
-    return World(nexts, mdp.successors, mdp.probabilities, mdp.continuations, *sides)
-
-
-def _sides(mdp: Mdp) -> tuple[int, int]:
-    """Return rows and columns of a world that is a plain grid; zeros of another."""
-    if mdp.num_actions == 4:
-        num_states = mdp.num_states
-        for num_rows in range(1, num_states + 1):
-            if num_states % num_rows == 0:
-                sides = num_rows, num_states // num_rows
-                if np.array_equal(mdp.successors, grid_successors(*sides)):
-                    return sides
-    return 0, 0

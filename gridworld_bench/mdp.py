@@ -8,6 +8,8 @@ import numpy.typing as npt
 from scipy.sparse import csr_array, eye_array
 from scipy.sparse.linalg import splu
 
+from gridworld_bench._kernels import NO_PAIRS, World, weigh_all
+from gridworld_bench.grid import grid_successors
 from tablesetting.irl.arrays import Array, Booleans, Indices
 
 TIE = 1e-9
@@ -92,6 +94,11 @@ class Mdp:
     def continuations(self) -> Array:
         """The discount; 0 where an episode ends, shape (S,)."""
         return np.where(self.is_terminal, 0.0, self.discount)
+
+    @cached_property
+    def compiled(self) -> World:
+        """The world as the kernels take it."""
+        return _compile(self)
 
     def rewards(self, weights: Array) -> Array:
         """Return the reward of every state, shape (..., S), of weights (..., D)."""
@@ -187,6 +194,17 @@ def solve(mdp: Mdp, rewards: Array, policy: Indices | None = None) -> Solution:
         policy[is_better] = better[is_better]
 
 
+def optimal_values(mdp: Mdp, weights: Array) -> Array:
+    """Return optimal values, (N, S), of many rewards, (N, D), by compiled code."""
+    return weigh_all(mdp.compiled, mdp.rewards(weights), NO_PAIRS, 1.0)[1]
+
+
+def best_policy(mdp: Mdp, weights: Array) -> Indices:
+    """Return a best policy, shape (S,), for weights of shape (D,), by compiled code."""
+    values = optimal_values(mdp, weights[None])[0]
+    return q_values(mdp, mdp.rewards(weights), values).argmax(axis=1)
+
+
 def _discounted(
     mdp: Mdp, transitions: csr_array, collected: npt.NDArray[np.float64]
 ) -> Array:
@@ -194,3 +212,25 @@ def _discounted(
     steps = transitions.multiply(mdp.continuations[:, None])
     system = splu((eye_array(mdp.num_states) - steps).tocsc())
     return np.asarray(system.solve(collected))
+
+
+def _compile(mdp: Mdp) -> World:
+    """Return a world as the kernels take it."""
+    is_certain = mdp.successors.shape[2] == 1
+    nexts = np.empty((0, 0), dtype=np.uint32)
+    if is_certain:
+        nexts = np.ascontiguousarray(mdp.successors[:, :, 0].T.astype(np.uint32))
+    sides = _sides(mdp) if is_certain and not mdp.is_terminal.any() else (0, 0)
+    return World(nexts, mdp.successors, mdp.probabilities, mdp.continuations, *sides)
+
+
+def _sides(mdp: Mdp) -> tuple[int, int]:
+    """Return rows and columns of a world that is a plain grid; zeros of another."""
+    if mdp.num_actions == 4:
+        num_states = mdp.num_states
+        for num_rows in range(1, num_states + 1):
+            if num_states % num_rows == 0:
+                sides = num_rows, num_states // num_rows
+                if np.array_equal(mdp.successors, grid_successors(*sides)):
+                    return sides
+    return 0, 0

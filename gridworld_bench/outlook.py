@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from gridworld_bench.mdp import Mdp, feature_expectations, solve
+from gridworld_bench.mdp import Mdp, best_policy, feature_expectations, optimal_values
 from gridworld_bench.posterior import MdpPosterior
 from gridworld_bench.queries import Query
 from tablesetting.irl.arrays import Array, Indices
@@ -154,7 +154,7 @@ class MdpOutlook:
 
     def _losses_at(self, states: Indices) -> Array:
         posterior, mdp = self.posterior, self.mdp
-        policy = solve(mdp, mdp.rewards(posterior.guessed_weights)).policy
+        policy = best_policy(mdp, posterior.guessed_weights)
         collected = feature_expectations(mdp, policy)[states]
         losses = collected @ posterior.weights.T
         np.subtract(posterior.optimal_values.T[states], losses, out=losses)
@@ -164,10 +164,10 @@ class MdpOutlook:
     def _policy_features(self) -> Array:
         """Feature expectations of the best policies of the M samples, (M, S, D)."""
         mdp, weights = self.mdp, self.posterior.weights[self._compared]
-        policies = [solve(mdp, mdp.rewards(each)).policy for each in weights]
+        policies = [best_policy(mdp, each) for each in weights]
         return np.stack([feature_expectations(mdp, policy) for policy in policies])
 
     @cached_property
     def _mean_values(self) -> Array:
         mean = self.posterior.weights[self._compared].mean(axis=0)
-        return solve(self.mdp, self.mdp.rewards(mean)).values
+        return optimal_values(self.mdp, mean[None])[0]

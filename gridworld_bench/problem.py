@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 
 from gridworld_bench.likelihood import Evidence
-from gridworld_bench.mdp import Mdp, Solution, feature_expectations, solve
+from gridworld_bench.mdp import Mdp, Solution, best_policy, feature_expectations, solve
 from gridworld_bench.outlook import MdpOutlook
 from gridworld_bench.posterior import (
     BETA,
@@ -112,8 +112,7 @@ class MdpProblem:
 
     def policy_losses(self, posterior: Posterior) -> Array:
         """Return what the robot's policy truly loses in each initial state, (I,)."""
-        weights = posterior.guessed_weights
-        policy = solve(self.mdp, self.mdp.rewards(weights)).policy
+        policy = best_policy(self.mdp, posterior.guessed_weights)
         return self.losses_of_policy(policy)
 
     def losses_of_policy(self, policy: Indices) -> Array:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gridworld_bench.mdp import Mdp, solve
+from gridworld_bench.mdp import Mdp, best_policy
 from gridworld_bench.posterior import MdpPosterior
 from tablesetting.irl.arrays import Indices
 
@@ -47,7 +47,7 @@ def propose_roll_outs(
     mdp: Mdp, posterior: MdpPosterior, rng: np.random.Generator
 ) -> list[Query]:
     """Ask for a critique of the robot's policy, from any initial state."""
-    policy = solve(mdp, mdp.rewards(posterior.guessed_weights)).policy
+    policy = best_policy(mdp, posterior.guessed_weights)
     return [roll_out(mdp, policy, int(start), rng=rng) for start in mdp.initial_states]
 
 

@@ -6,7 +6,9 @@ from worlds import KINDS, random_weights, small_world
 from gridworld_bench.gridworlds import make_grid
 from gridworld_bench.mdp import (
     Mdp,
+    best_policy,
     feature_expectations,
+    optimal_values,
     random_policy_features,
     solve,
 )
@@ -60,6 +62,17 @@ def test_two_states_by_hand():
     np.testing.assert_allclose(solution.q_values, [[4.0, 6.0], [10.0, 10.0]])
     assert solution.policy[0] == 1
     assert solution.is_optimal.tolist() == [[False, True], [True, True]]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_compiled_code_finds_the_same(kind):
+    mdp, _ = small_world(kind)
+    weights = random_weights(20, mdp.num_features)
+    for each, values in zip(weights, optimal_values(mdp, weights), strict=True):
+        expected = solve(mdp, mdp.rewards(each)).values
+        np.testing.assert_allclose(values, expected, atol=1e-11)
+        found = feature_expectations(mdp, best_policy(mdp, each)) @ each
+        np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -12,7 +12,7 @@ from worlds import (
 )
 
 from gridworld_bench.gridworlds import make_grid
-from gridworld_bench.likelihood import Evidence, MdpLikelihood, compile_world
+from gridworld_bench.likelihood import Evidence, MdpLikelihood
 from gridworld_bench.mdp import solve
 from gridworld_bench.posterior import CoordinateChain, _choose_distinct, infer
 from tablesetting.irl.random_walk import Proposals, walk
@@ -134,10 +134,10 @@ def test_every_set_of_coordinates_is_as_likely():
 
 def test_only_a_plain_grid_is_swept():
     for kind in KINDS:
-        world = compile_world(small_world(kind)[0])
+        world = small_world(kind)[0].compiled
         sides = (world.num_rows, world.num_columns)
         assert sides == ((4, 4) if kind == "grid" else (0, 0))
-    world = compile_world(make_grid(np.zeros((12, 1)), 4))
+    world = make_grid(np.zeros((12, 1)), 4).compiled
     assert (world.num_rows, world.num_columns) == (3, 4)
 
 
