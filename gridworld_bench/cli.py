@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _study(config: StudyConfig) -> int:
     from tqdm import tqdm
 
-    from gridworld_bench.experiments.results import finish
+    from gridworld_bench.experiments.findings import finish
     from gridworld_bench.experiments.study import Study
     from gridworld_bench.experiments.trials import load_kernels
 

@@ -73,3 +73,67 @@ def random_world(
     features = rng.random((size * size, num_features))
     weights = normalize_l1(rng.laplace(size=(1, num_features)))[0]
     return make_grid(features, size), weights
+
+
+EXAMPLE = ("gwwbw", "wywbw", "wywbw", "wwwbw")
+"""Green is wanted; blue cannot be avoided from the right, yellow can."""
+
+_EXAMPLE_WEIGHTS = {"w": -0.05, "y": -0.25, "g": 0.5, "b": -0.2}
+
+
+def color_world(
+    cells: Sequence[str], colors: str, *, initial_color: str | None = None
+) -> Mdp:
+    """Make a world of cells whose feature is their color.
+
+    Args:
+        cells: The color of each cell, a letter each, row by row.
+        colors: All colors, in the order of the features.
+        initial_color: Color of the cells in which an episode can start; any if None.
+    """
+    letters = "".join(cells)
+    features = np.array([[each == color for color in colors] for each in letters])
+    starts = None
+    if initial_color is not None:
+        starts = [state for state, each in enumerate(letters) if each == initial_color]
+    return make_grid(features.astype(np.float64), len(cells[0]), initial_states=starts)
+
+
+def example_world() -> tuple[Mdp, Array]:
+    """Make a world such as that of Figure 1 of the paper, whose cells are not given.
+
+    Returns:
+        The world, which starts in white cells, and the true weights, shape (4,).
+    """
+    colors = "".join(_EXAMPLE_WEIGHTS)
+    mdp = color_world(EXAMPLE, colors, initial_color="w")
+    return mdp, normalize_l1(np.array(list(_EXAMPLE_WEIGHTS.values())))
+
+
+def barrier_world(
+    size: int = 8, num_colors: int = 6, *, rng: np.random.Generator
+) -> tuple[Mdp, Array]:
+    """Draw a sparse world such as that of appendix A, whose cells are not given.
+
+    One cell of the top row is wanted, and ends an episode. The middle row is a barrier of
+    several colors, each bad to its own degree; all other cells are slightly bad.
+
+    Args:
+        size: Cells on each side, at least 3.
+        num_colors: Colors of the barrier.
+        rng: Source of the world and of what is wanted.
+
+    Returns:
+        The world, which starts anywhere, and the true weights, shape (2 + C,).
+    """
+    barrier = np.arange(size) % num_colors + 2
+    cells = np.ones((size, size), dtype=np.intp)
+    goal = int(rng.integers(size))
+    cells[0, goal] = 0
+    cells[size // 2] = rng.permutation(barrier)
+    weights = np.concatenate(
+        [[1.0, -rng.uniform(0.0, 0.1)], -rng.uniform(0.1, 1.0, num_colors)]
+    )
+    features = np.eye(2 + num_colors)[cells.ravel()]
+    mdp = make_grid(features, size, terminal_states=[goal])
+    return mdp, normalize_l1(weights)

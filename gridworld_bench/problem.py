@@ -2,12 +2,20 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import cast
 
 import numpy as np
 
 from gridworld_bench.likelihood import Evidence
-from gridworld_bench.mdp import Mdp, Solution, best_policy, feature_expectations, solve
+from gridworld_bench.mdp import (
+    Mdp,
+    Solution,
+    best_policy,
+    feature_expectations,
+    random_policy_features,
+    solve,
+)
 from gridworld_bench.outlook import MdpOutlook
 from gridworld_bench.posterior import (
     BETA,
@@ -65,6 +73,11 @@ class MdpProblem:
         self.truth: Solution = solve(mdp, mdp.rewards(true_weights))
         self.config = config
         self._propose = propose
+
+    @cached_property
+    def random_features(self) -> Array:
+        """Feature expectations of acting uniformly at random, shape (S, D)."""
+        return random_policy_features(self.mdp)
 
     def infer(
         self,

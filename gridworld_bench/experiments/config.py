@@ -1,5 +1,6 @@
 """The options of each command; light to import, so that --help is answered at once."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
@@ -12,6 +13,12 @@ ActionStrategy = Literal[
 CritiqueStrategy = Literal[
     "active-var", "random", "arc", "path-var", "cvar", "information-gain", "max-regret"
 ]
+
+COLUMNS = (
+    *("world", "strategy", "trial", "num_queries", "policy_loss", "max_policy_loss"),
+    *("var", "query", "query_seconds", "inference_seconds"),
+)
+"""Columns of rounds.csv."""
 
 _LEAST = {
     "num_trials": 1,
@@ -26,6 +33,7 @@ _MOST = {
     "num_queries": 10_000,
     "size": 128,
     "num_features": 1024,
+    "num_colors": 1024,
     "jobs": 1000,
 }
 
@@ -36,7 +44,7 @@ class StudyConfig:
 
     num_trials: int = 100
     """Worlds, in each of which every strategy learns."""
-    num_queries: int = 24
+    num_queries: int = 25
     """Queries after the first demonstration."""
     preset: Literal["paper", "default"] = "paper"
     """The paper's chain of 10 000 samples, or the sound one, which is slower."""
@@ -55,6 +63,10 @@ class StudyConfig:
 
     name: ClassVar[str]
     """Of the command."""
+    columns: ClassVar[tuple[str, ...]] = COLUMNS
+    """Of rounds.csv."""
+    num_shown: ClassVar[int] = 2
+    """Best actions that are known at first."""
     strategies: ClassVar[tuple[str, ...]]
     """Who asks."""
 
@@ -67,6 +79,11 @@ class StudyConfig:
             if (value := getattr(self, name, None)) is not None and value > bound:
                 option = name.replace("_", "-")
                 raise ValueError(f"--{option} must be at most {bound}; got {value}")
+        for name in ("level", "epsilon"):
+            if not 0.0 < getattr(self, name, 1.0) < math.inf:
+                raise ValueError(
+                    f"--{name} must be positive; got {getattr(self, name)}"
+                )
         if self.resume and (self.out is None or self.overwrite):
             raise ValueError("--resume goes with --out, and not with --overwrite")
         if len(set(self.strategies)) < max(len(self.strategies), 1):
@@ -117,7 +134,87 @@ class CritiqueQueriesConfig(StudyConfig):
     name: ClassVar[str] = "critique-queries"
 
 
+@dataclass(frozen=True)
+class SparseBarrierConfig(StudyConfig):
+    """Learn where few states tell anything: appendix A of the paper."""
+
+    num_trials: int = 50
+    """Worlds, in each of which every strategy learns."""
+    num_queries: int = 80
+    """Queries after the first demonstration."""
+    strategies: tuple[ActionStrategy, ...] = (  # type: ignore[misc]
+        "active-var",
+        "random",
+    )
+    """Who asks."""
+    size: int = 8
+    """Cells on each side."""
+    num_colors: int = 6
+    """Colors of the barrier."""
+    level: float = 0.01
+    """Worst-case loss that is to be reached."""
+
+    name: ClassVar[str] = "sparse-barrier"
+    num_shown: ClassVar[int] = 1
+
+
+@dataclass(frozen=True)
+class ExampleConfig(StudyConfig):
+    """See what is asked in a small world, and why: Figure 1 of the paper."""
+
+    num_trials: int = 50
+    """Seeds."""
+    num_queries: int = 1
+    """Queries that are answered; one more is chosen."""
+    strategies: tuple[ActionStrategy, ...] = (  # type: ignore[misc]
+        "active-var",
+        "active-sampling",
+    )
+    """Who asks."""
+
+    name: ClassVar[str] = "example"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.num_queries < 1:
+            raise ValueError(
+                f"--num-queries must be at least 1; got {self.num_queries}"
+            )
+
+
+@dataclass(frozen=True)
+class NormalisedStopConfig(StudyConfig):
+    """Stop once the normalised value at risk is small: appendix B of the paper."""
+
+    num_trials: int = 50
+    """Worlds, in each of which every strategy learns."""
+    num_queries: int = 40
+    """Queries after the first demonstration."""
+    strategies: tuple[ActionStrategy, ...] = ("active-var",)  # type: ignore[misc]
+    """Who asks."""
+    epsilon: float = 0.05
+    """The normalised loss is wanted below this."""
+    size: int = 8
+    """Cells on each side."""
+    num_features: int = 48
+    """Features of each cell."""
+
+    name: ClassVar[str] = "normalised-stop"
+    columns: ClassVar[tuple[str, ...]] = (
+        *COLUMNS,
+        *("normalized_var", "normalized_loss"),
+        *("random_normalized_var", "random_normalized_loss"),
+    )
+
+
 CONFIGS = {
-    config.name: config for config in (ActionQueriesConfig, CritiqueQueriesConfig)
+    config.name: config
+    for config in (
+        ActionQueriesConfig,
+        CritiqueQueriesConfig,
+        SparseBarrierConfig,
+        ExampleConfig,
+        NormalisedStopConfig,
+    )
 }
 """The options of each command, by its name."""

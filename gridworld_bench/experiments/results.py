@@ -1,4 +1,4 @@
-"""What a study found: a summary, a table, and a figure with the published curves."""
+"""Curves of several strategies beside the published ones."""
 
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -13,9 +13,8 @@ from tablesetting.bootstrap import Estimate, estimate_ratio
 from tablesetting.curves import Curve, CurveKey, read_published
 from tablesetting.irl.arrays import Array
 from tablesetting.plotting import plot_strategies
-from tablesetting.results import ROUNDS, SUMMARY, Row, RunFolder, numbers, read_rows
+from tablesetting.results import SUMMARY, Row, RunFolder, numbers
 
-TABLE = "comparison.md"
 FIGURE = "figures/comparison.png"
 QUANTITY = "policy_loss"
 
@@ -34,23 +33,14 @@ def published_curves() -> dict[CurveKey, Curve]:
     return read_published(_PUBLISHED, _PUBLISHED_TRIALS)
 
 
-def finish(study: Study) -> list[str]:
-    """Write what a complete study found; return it in words, line by line."""
+def compare(study: Study, rows: Sequence[Row]) -> list[str]:
+    """Compare strategies by their curves, and these with the paper's."""
     folder, config = study.folder, study.config
-    folder.write_rows(study.ordered_rows)
-    rows = read_rows(folder.path / ROUNDS)
     losses = losses_of(rows, config)
     ratios = area_ratios(losses, config)
-    lines = _tell(losses, ratios, config, rows)
-    folder.write(TABLE, lambda path: path.write_text("\n".join(lines) + "\n"))
     _draw(folder, losses, config)
     folder.write_json(SUMMARY, summarize(losses, ratios, rows, config))
-    return [
-        *lines,
-        "",
-        f"table: {folder.path / TABLE}",
-        f"figure: {folder.path / FIGURE}",
-    ]
+    return _tell(losses, ratios, config, rows)
 
 
 def losses_of(

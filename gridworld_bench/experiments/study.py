@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gridworld_bench.experiments.config import StudyConfig
-from gridworld_bench.experiments.trials import COLUMNS, Trial, all_trials, run_trial
+from gridworld_bench.experiments.trials import Trial, all_trials, run_trial
 from tablesetting.errors import InvalidFile
 from tablesetting.opening import open_folder
 from tablesetting.results import (
@@ -81,15 +81,16 @@ class Study:
         if not path.exists():
             return
         rows, groups = read_rows(path), dict[Trial, list[Mapping[str, Any]]]()
-        if rows and tuple(rows[0]) != COLUMNS:
+        columns = self.config.columns
+        if rows and tuple(rows[0]) != columns:
             raise InvalidFile(
-                f"'{path}' has other columns than {', '.join(COLUMNS)}; mend it or "
+                f"'{path}' has other columns than {', '.join(columns)}; mend it or "
                 "remove it"
             )
         if not path.read_bytes().endswith(b"\n"):
             rows = rows[:-1]
         for row in rows:
-            if _is_whole(row):
+            if _is_whole(row, columns):
                 trial = Trial(row["strategy"], int(row["trial"]))
                 groups.setdefault(trial, []).append(row)
         wanted = [str(count) for count in range(self.config.num_queries + 1)]
@@ -117,17 +118,17 @@ def settings(config: StudyConfig) -> dict[str, Any]:
     }
 
 
-def _is_whole(row: Mapping[str, Any]) -> bool:
+def _is_whole(row: Mapping[str, Any], columns: Sequence[str]) -> bool:
     """Tell whether a row has all its cells, and numbers in them."""
     try:
         return (
-            tuple(row) == COLUMNS
+            tuple(row) == tuple(columns)
+            and row["trial"].isdecimal()
             and all(
                 math.isfinite(float(cell))
                 for name, cell in row.items()
-                if name not in _TEXTS
+                if name not in _TEXTS and (cell or not name.startswith("normalized"))
             )
-            and row["trial"].isdecimal()
         )
-    except (TypeError, ValueError):
+    except (AttributeError, TypeError, ValueError):
         return False

@@ -3,28 +3,35 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
-from gridworld_bench.experiments.config import StudyConfig
-from gridworld_bench.gridworlds import random_world
-from gridworld_bench.mdp import Mdp
-from gridworld_bench.posterior import CoordinateChain
+from gridworld_bench.experiments.config import (
+    ExampleConfig,
+    SparseBarrierConfig,
+    StudyConfig,
+)
+from gridworld_bench.grid import ACTIONS
+from gridworld_bench.gridworlds import barrier_world, example_world, random_world
+from gridworld_bench.likelihood import Evidence
+from gridworld_bench.mdp import Mdp, best_policy, feature_expectations
+from gridworld_bench.posterior import CoordinateChain, MdpPosterior
 from gridworld_bench.problem import MdpConfig, MdpProblem
+from gridworld_bench.queries import Query
 from gridworld_bench.strategies import ACTION_METHODS, CRITIQUE_METHODS, Method
-from tablesetting.irl.active import run_active
+from tablesetting.irl.active import Round, run_active
 from tablesetting.irl.arrays import Array
-from tablesetting.irl.risk import RiskConfig
+from tablesetting.irl.risk import (
+    RiskConfig,
+    normalized_evd,
+    random_normalized_evd,
+    value_at_risk,
+)
 from tablesetting.irl.sampler import McmcConfig
 
-COLUMNS = (
-    *("world", "strategy", "trial", "num_queries", "policy_loss", "max_policy_loss"),
-    *("var", "query", "query_seconds", "inference_seconds"),
-)
-"""Columns of rounds.csv."""
+LEFT = ACTIONS.index("left")
 
-_NUM_SHOWN = 2  # Best actions that are known at first.
 _DIGITS = 9
 
 
@@ -59,14 +66,27 @@ def run_trial(config: StudyConfig, trial: Trial) -> list[dict[str, Any]]:
     return list(islice(_rounds(config, trial), config.num_queries + 1))
 
 
-def _rounds(config: StudyConfig, trial: Trial) -> Iterator[dict[str, Any]]:
+def rounds_of(config: StudyConfig, trial: Trial) -> Iterator[Round[Query, Evidence]]:
+    """Learn in one world with one strategy; the caller stops it."""
+    return _start(config, trial)[1]
+
+
+def _start(
+    config: StudyConfig, trial: Trial
+) -> tuple[MdpProblem, Iterator[Round[Query, Evidence]]]:
     seeds = np.random.SeedSequence(config.seed, spawn_key=(trial.index,))
     world_rng, teacher_rng, loop_rng = map(np.random.default_rng, seeds.spawn(3))
     method = method_of(config, trial.strategy)
     mdp, true_weights = make_world(config, rng=world_rng)
     problem = MdpProblem(mdp, true_weights, mdp_config(config), method.propose)
-    first = problem.demonstrate_first(_NUM_SHOWN, rng=teacher_rng)
-    rounds = run_active(problem, [first], method.score, RiskConfig(), rng=loop_rng)
+    first = first_evidence(config, problem, rng=teacher_rng)
+    return problem, run_active(
+        problem, [first], method.score, RiskConfig(), rng=loop_rng
+    )
+
+
+def _rounds(config: StudyConfig, trial: Trial) -> Iterator[dict[str, Any]]:
+    problem, rounds = _start(config, trial)
     for num_queries, latest in enumerate(rounds):
         losses = problem.policy_losses(latest.posterior)
         row = {
@@ -81,6 +101,8 @@ def _rounds(config: StudyConfig, trial: Trial) -> Iterator[dict[str, Any]]:
             "query_seconds": latest.query_seconds,
             "inference_seconds": latest.inference_seconds,
         }
+        if config.name == "normalised-stop":
+            row |= normalized_cells(problem, cast(MdpPosterior, latest.posterior))
         yield {
             name: round(value, _DIGITS) + 0.0 if isinstance(value, float) else value
             for name, value in row.items()
@@ -89,8 +111,51 @@ def _rounds(config: StudyConfig, trial: Trial) -> Iterator[dict[str, Any]]:
 
 def make_world(config: StudyConfig, *, rng: np.random.Generator) -> tuple[Mdp, Array]:
     """Draw the world of a trial, and what is wanted there."""
+    if isinstance(config, SparseBarrierConfig):
+        return barrier_world(config.size, config.num_colors, rng=rng)
+    if isinstance(config, ExampleConfig):
+        return example_world()
     size, num_features = getattr(config, "size", 8), getattr(config, "num_features", 48)
     return random_world(size, num_features, rng=rng)
+
+
+def first_evidence(
+    config: StudyConfig, problem: MdpProblem, *, rng: np.random.Generator
+) -> Evidence:
+    """Demonstrate what is known before the first query."""
+    if isinstance(config, ExampleConfig):
+        return Evidence.of_pairs([(1, LEFT)])  # From a white cell into the green one.
+    return problem.demonstrate_first(config.num_shown, rng=rng)
+
+
+def normalized_cells(
+    problem: MdpProblem, posterior: MdpPosterior
+) -> dict[str, float | None]:
+    """Return the largest normalised value at risk, and what it is to bound.
+
+    The paper divides by the optimal value, which means nothing unless that is positive
+    everywhere; then the cells are empty. The other divides by what acting at random
+    loses (`irl.risk.random_normalized_evd`).
+    """
+    mdp, states = problem.mdp, problem.mdp.initial_states
+    policy = best_policy(mdp, posterior.guessed_weights)
+    weights = np.vstack([posterior.weights, problem.true_weights])
+    best = np.vstack([posterior.optimal_values, problem.truth.values]).T[states]
+    own = feature_expectations(mdp, policy)[states] @ weights.T
+    own = np.minimum(own, best)  # Rounding may be above.
+    by_random = random_normalized_evd(
+        best, own, problem.random_features[states] @ weights.T
+    )
+    cells: dict[str, float | None] = {"normalized_var": None, "normalized_loss": None}
+    if (best > 0.0).all():
+        cells = _largest("normalized", normalized_evd(best, own))
+    return cells | _largest("random_normalized", by_random)
+
+
+def _largest(name: str, losses: Array) -> dict[str, float | None]:
+    """Return the largest quantile over samples, and the true loss, the last column."""
+    var = value_at_risk(losses[:, :-1], RiskConfig().alpha)
+    return {f"{name}_var": float(var.max()), f"{name}_loss": float(losses[:, -1].max())}
 
 
 def method_of(config: StudyConfig, strategy: str) -> Method:

@@ -64,6 +64,62 @@ def test_a_study_writes_what_it_found(command, tmp_path, capsys):
     assert (out / "figures" / "comparison.png").exists()
 
 
+def test_few_states_tell_anything_in_a_sparse_world(tmp_path, capsys):
+    out = tmp_path / "out"
+    argv = ["sparse-barrier", "--num-trials", "3", "--num-queries", "4", "--size", "5"]
+    argv += ["--level", "0.2", "--jobs", "1", "--out", str(out)]
+    assert cli.main(argv) == 0
+    rows = rows_of(out)
+    found = json.loads((out / "summary.json").read_text())["strategies"]
+    for name in ("active-var", "random"):
+        worst = [
+            float(row["max_policy_loss"]) for row in rows if row["strategy"] == name
+        ]
+        counts = []
+        for losses in np.reshape(worst, (3, 5)):
+            below = [k for k, loss in enumerate(losses) if loss < 0.2]
+            counts.append(below[0] + 1 if below else 6)
+        assert found[name]["mean_demonstrations"] == pytest.approx(np.mean(counts))
+        assert found[name]["num_missed"] == counts.count(6)
+        own = [float(row["policy_loss"]) for row in rows if row["strategy"] == name]
+        shares = (np.reshape(own, (3, 5)) > 1e-9).mean(axis=0)
+        assert found[name]["share_with_loss"] == shares.tolist()
+    assert "| random |" in capsys.readouterr().out
+
+
+def test_the_example_asks_as_in_the_paper(tmp_path, monkeypatch, capsys):
+    longer = MdpConfig(CoordinateChain(num_samples=2000))
+    monkeypatch.setattr(trials, "mdp_config", lambda config: longer)
+    out = tmp_path / "out"
+    argv = ["example", "--num-trials", "4", "--jobs", "1", "--out", str(out)]
+    assert cli.main(argv) == 0
+    found = json.loads((out / "summary.json").read_text())["strategies"]
+    assert found["active-var"]["share_next_to_yellow"] == 1.0
+    assert found["active-sampling"]["share_next_to_blue"] == 1.0
+    assert found["active-sampling"]["share_next_to_yellow"] == 0.0
+    assert found["active-var"]["most_frequent"] == [19, 12]
+
+
+def test_a_normalised_stop_is_counted_by_both_normalisations(tmp_path):
+    out = tmp_path / "out"
+    argv = ["normalised-stop", *SMALL, "--epsilon", "0.9", "--jobs", "1"]
+    assert cli.main([*argv, "--out", str(out)]) == 0
+    found = json.loads((out / "summary.json").read_text())["strategies"]["active-var"]
+    rows = rows_of(out)
+    stops = {
+        (row["trial"], row["num_queries"])
+        for row in rows
+        if float(row["random_normalized_var"]) < 0.9
+    }
+    assert found["random_normalized"]["num_stopped"] == len({t for t, _ in stops})
+    for row in rows:
+        assert float(row["random_normalized_loss"]) >= 0.0
+        assert (row["normalized_var"] == "") == (row["normalized_loss"] == "")
+    (out / "summary.json").unlink()
+    assert cli.main([*argv, "--out", str(out), "--resume"]) == 0
+    assert rows_of(out) == rows
+
+
 def test_a_study_goes_on_after_a_kill_to_the_same_rows(tmp_path, capsys):
     whole, cut = tmp_path / "whole", tmp_path / "cut"
     assert run("action-queries", whole) == 0
@@ -100,6 +156,9 @@ def test_rows_do_not_depend_on_the_processes(tmp_path, monkeypatch):
         (["action-queries", "--strategies"], "none"),
         (["critique-queries", "--strategies", "arc", "arc"], "arc arc"),
         (["action-queries", "--size", "1"], "--size"),
+        (["example", "--num-queries", "0"], "--num-queries"),
+        (["sparse-barrier", "--level", "0"], "--level"),
+        (["normalised-stop", "--epsilon", "nan"], "--epsilon"),
         (["action-queries", "--seed", "-1"], "--seed"),
         (["action-queries", "--resume"], "--out"),
         (["action-queries", "--preset", "mine"], "mine"),

@@ -3,7 +3,7 @@ import pytest
 from scipy.optimize import linprog
 from worlds import KINDS, random_weights, small_world
 
-from gridworld_bench.gridworlds import make_grid
+from gridworld_bench.gridworlds import barrier_world, example_world, make_grid
 from gridworld_bench.mdp import (
     Mdp,
     best_policy,
@@ -132,3 +132,22 @@ def test_what_is_no_mdp_is_refused(change, message):
     known = vars(make_grid(np.zeros((6, 1)), 3))
     with pytest.raises(ValueError, match=message):
         Mdp(**known | change)
+
+
+def test_a_barrier_has_to_be_crossed_to_what_is_wanted():
+    for seed in range(20):
+        mdp, weights = barrier_world(7, 4, rng=np.random.default_rng(seed))
+        colors = mdp.features.argmax(axis=1).reshape(7, 7)
+        assert (colors[3] >= 2).all()
+        assert set(colors[3]) == set(range(2, 6))
+        assert (colors == 0).sum() == mdp.is_terminal.sum() == 1
+        assert mdp.is_terminal[:7][colors[0] == 0].all()
+        assert weights[0] > 0.0 > weights[1:].max()
+        assert np.abs(weights).sum() == pytest.approx(1.0)
+
+
+def test_the_example_starts_in_white_and_wants_green():
+    mdp, weights = example_world()
+    colors = mdp.features.argmax(axis=1)
+    assert (colors[mdp.initial_states] == 0).all()
+    assert colors[solve(mdp, mdp.rewards(weights)).values.argmax()] == 2
