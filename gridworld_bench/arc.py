@@ -1,16 +1,23 @@
-r"""Active Reward learning from Critiques (Cui & Niekum 2018), by reweighting one chain.
+r"""Active Reward learning from Critiques (Cui & Niekum 2018).
 
-A pair's gain is what its label, good or bad, tells of the reward: :math:`I(l; w) =
-H(\bar p) - \overline{H(p)}`, with p the probability that a sample gives the action. A path
-takes the pair of most gain in each state, and goes on as if that had got its likelier
-label: samples are weighed by it, where the original samples fresh chains.
+A path takes the pair of most gain in each state, and goes on as if that had got its
+likelier label. There are two gains:
+
+- the fast one weighs the samples of the one chain. What a label, good or bad, tells of the
+  reward is :math:`I(l; w) = H(\bar p) - \overline{H(p)}`, with p the probability that a
+  sample gives the action;
+- the faithful one is the mean divergence of the posterior after each label from that
+  before, each sampled by a fresh chain, by nearest neighbours (Wang, Kulkarni & Verdu
+  2009).
 """
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
+from gridworld_bench.likelihood import Evidence
 from gridworld_bench.mdp import Mdp
-from gridworld_bench.outlook import MdpOutlook
-from gridworld_bench.posterior import BETA, MdpPosterior
+from gridworld_bench.outlook import MdpOutlook, action_probabilities
+from gridworld_bench.posterior import BETA, CoordinateChain, MdpPosterior, infer
 from gridworld_bench.queries import LENGTH, Query, step
 from tablesetting.irl.arrays import Array
 from tablesetting.irl.risk import RiskConfig
@@ -18,28 +25,53 @@ from tablesetting.irl.risk import RiskConfig
 NUM_STARTS = 8
 """Initial states, drawn at random, from which paths are built."""
 
+_NEIGHBOUR = 4  # Which nearest one a density is read from.
+
 
 def propose_informative_paths(
     mdp: Mdp, posterior: MdpPosterior, rng: np.random.Generator
 ) -> list[Query]:
-    """Build a path from some initial states, each by the greatest gain."""
+    """Build a path from some initial states, each by the greatest fast gain."""
     starts = rng.permutation(mdp.initial_states)[:NUM_STARTS]
-    outlook = MdpOutlook(mdp, [], posterior, BETA)
-    return [_build_path(outlook, int(start), rng) for start in starts]
+    return [_build_path(mdp, _Reweighted(mdp, posterior), int(s), rng) for s in starts]
 
 
-def score_arc(outlook: MdpOutlook, risk: RiskConfig, rng: np.random.Generator) -> Array:
-    """Score paths by the sum of the gains of their pairs, one after the other.
+def propose_faithful_paths(
+    mdp: Mdp,
+    posterior: MdpPosterior,
+    rng: np.random.Generator,
+    *,
+    num_samples: int = 1000,
+) -> list[Query]:
+    """Build such paths by the faithful gain.
 
     Args:
-        outlook: What the posterior says of Q critique queries.
+        mdp: The world.
+        posterior: The posterior, of which the evidence is used.
+        rng: Source of the starts and of all chains.
+        num_samples: Samples of each fresh chain.
+    """
+    starts = rng.permutation(mdp.initial_states)[:NUM_STARTS]
+    return [
+        _build_path(mdp, _Fresh(mdp, posterior.evidence, num_samples, rng), int(s), rng)
+        for s in starts
+    ]
+
+
+def score_gain(
+    outlook: MdpOutlook, risk: RiskConfig, rng: np.random.Generator
+) -> Array:
+    """Score paths by the sum of the gains that they were built by.
+
+    Args:
+        outlook: Has Q critique queries.
         risk: Not used.
         rng: Not used.
 
     Returns:
         Gains, shape (Q,), in nats.
     """
-    return np.array([_gain_of_path(outlook, query) for query in outlook.queries])
+    return np.array([query.gain for query in outlook.queries])
 
 
 def information(good: Array, shares: Array) -> Array:
@@ -56,44 +88,143 @@ def information(good: Array, shares: Array) -> Array:
     return _entropy(mean) - np.tensordot(shares, _entropy(good), axes=1)
 
 
+def gain_of_path(mdp: Mdp, posterior: MdpPosterior, query: Query) -> float:
+    """Return the sum of the fast gains of a path, by any posterior, in nats."""
+    assert query.actions is not None
+    samples, total = _Reweighted(mdp, posterior), 0.0
+    for state, action in zip(query.states, query.actions, strict=True):
+        total += float(samples.gains(int(state))[action])
+        samples.suppose(int(state), int(action))
+    return total
+
+
+def faithful_gain(
+    mdp: Mdp,
+    evidence: Evidence,
+    pair: tuple[int, int],
+    num_samples: int,
+    *,
+    rng: np.random.Generator,
+) -> float:
+    """Return the faithful gain of one pair, by fresh chains, in nats."""
+    samples = _Fresh(mdp, evidence, num_samples, rng)
+    return float(samples.gains(pair[0], [pair[1]])[0])
+
+
+def nearest_neighbour_divergence(samples: Array, others: Array) -> float:
+    r"""Estimate the Kullback-Leibler divergence of two densities from draws of each.
+
+    :math:`\frac{d}{n} \sum_i \log \frac{\nu_k(i)}{\rho_k(i)} + \log \frac{m}{n - 1}`, with
+    :math:`\rho_k` and :math:`\nu_k` the distances to the k-th nearest of the other draws
+    and of those of the second density.
+
+    Source: Wang, Kulkarni & Verdu 2009, with k = 4.
+
+    Args:
+        samples: Distinct draws of the first density, shape (n, d).
+        others: Distinct draws of the second one, shape (m, d).
+
+    Returns:
+        The divergence, in nats; it can be negative. 0 with too few draws.
+    """
+    num, dim = samples.shape
+    if min(num, len(others)) <= _NEIGHBOUR:
+        return 0.0
+    own = np.partition(cdist(samples, samples), _NEIGHBOUR, axis=1)[:, _NEIGHBOUR]
+    to_others = np.partition(cdist(samples, others), _NEIGHBOUR - 1, axis=1)
+    ratios = np.maximum(to_others[:, _NEIGHBOUR - 1], 1e-12) / np.maximum(own, 1e-12)
+    return float(dim * np.log(ratios).mean() + np.log(len(others) / (num - 1)))
+
+
+class _Reweighted:
+    """The samples of one chain, weighed by labels that are supposed."""
+
+    def __init__(self, mdp: Mdp, posterior: MdpPosterior):
+        rows, counts = posterior.distinct_rows
+        self._mdp = mdp
+        self._values = posterior.optimal_values[rows]
+        self._shares = counts / counts.sum()
+
+    def gains(self, state: int) -> Array:
+        """Return the gain of each action."""
+        return information(self._good(state), self._shares)
+
+    def suppose(self, state: int, action: int) -> None:
+        """Go on as if a pair had got its likelier label."""
+        good = self._good(state)[:, action]
+        is_good = float(self._shares @ good) >= 0.5
+        weighed = self._shares * (good if is_good else 1.0 - good)
+        self._shares = weighed / weighed.sum()
+
+    def _good(self, state: int) -> Array:
+        return action_probabilities(self._mdp, [state], self._values, BETA)[:, 0]
+
+
+class _Fresh:
+    """Chains that are run anew for every label that is supposed."""
+
+    def __init__(
+        self, mdp: Mdp, evidence: Evidence, num_samples: int, rng: np.random.Generator
+    ):
+        self._mdp = mdp
+        self._evidence = evidence
+        self._chain = CoordinateChain(num_samples=num_samples)
+        self._rng = rng
+        self._posterior = self._sample(evidence)
+
+    def gains(self, state: int, actions: list[int] | None = None) -> Array:
+        """Return the gain of each action, or of some."""
+        chosen = range(self._mdp.num_actions) if actions is None else actions
+        return np.array([self._gain(state, action) for action in chosen])
+
+    def suppose(self, state: int, action: int) -> None:
+        """Go on as if a pair had got its likelier label."""
+        is_good = self._chance(state, action) >= 0.5
+        self._evidence = self._with(state, action, is_good)
+        self._posterior = self._sample(self._evidence)
+
+    def _gain(self, state: int, action: int) -> float:
+        chance, total = self._chance(state, action), 0.0
+        before = self._posterior.weights[self._posterior.distinct_rows[0]]
+        for is_good, share in ((True, chance), (False, 1.0 - chance)):
+            if share > 0.0:
+                found = self._sample(self._with(state, action, is_good))
+                after = found.weights[found.distinct_rows[0]]
+                total += share * nearest_neighbour_divergence(after, before)
+        return total
+
+    def _chance(self, state: int, action: int) -> float:
+        values = self._posterior.optimal_values
+        good = action_probabilities(self._mdp, [state], values, BETA)[:, 0, action]
+        return float(good.mean())
+
+    def _with(self, state: int, action: int, is_good: bool) -> Evidence:
+        label = Evidence.of_pairs([(state, action)], is_good)
+        return Evidence.join([self._evidence, label])
+
+    def _sample(self, evidence: Evidence) -> MdpPosterior:
+        return infer(self._mdp, [evidence], self._chain, rng=self._rng)
+
+
+def _build_path(
+    mdp: Mdp, samples: _Reweighted | _Fresh, start: int, rng: np.random.Generator
+) -> Query:
+    states, actions, state, total = list[int](), list[int](), start, 0.0
+    while len(states) < LENGTH:
+        gains = samples.gains(state)
+        states.append(state)
+        actions.append(int(gains.argmax()))
+        total += float(gains.max())
+        if mdp.is_terminal[state]:
+            break
+        samples.suppose(state, actions[-1])
+        state = step(mdp, state, actions[-1], rng=rng)
+    return Query(np.array(states), np.array(actions), total)
+
+
 def _entropy(chances: Array) -> Array:
     """Return the entropy of events of such probability, in nats."""
     others = 1.0 - chances
     with np.errstate(divide="ignore", invalid="ignore"):
         terms = chances * np.log(chances), others * np.log(others)
     return -np.nan_to_num(terms[0]) - np.nan_to_num(terms[1])
-
-
-def _build_path(outlook: MdpOutlook, start: int, rng: np.random.Generator) -> Query:
-    mdp, (rows, counts) = outlook.mdp, outlook.distinct_rows
-    shares = counts / counts.sum()
-    states, actions, state = list[int](), list[int](), start
-    while len(states) < LENGTH:
-        good = outlook.action_probabilities([state], rows)[:, 0]
-        action = int(information(good, shares).argmax())
-        states.append(state)
-        actions.append(action)
-        if mdp.is_terminal[state]:
-            break
-        shares = _weigh_by_label(shares, good[:, action])
-        state = step(mdp, state, action, rng=rng)
-    return Query(np.array(states), np.array(actions))
-
-
-def _gain_of_path(outlook: MdpOutlook, query: Query) -> float:
-    rows, counts = outlook.distinct_rows
-    shares, total = counts / counts.sum(), 0.0
-    assert query.actions is not None
-    chances = outlook.action_probabilities(query.states, rows)
-    for k, action in enumerate(query.actions):
-        good = chances[:, k, action]
-        total += float(information(good, shares))
-        shares = _weigh_by_label(shares, good)
-    return total
-
-
-def _weigh_by_label(shares: Array, good: Array) -> Array:
-    """Weigh samples as if a pair had got its likelier label."""
-    is_good = float(shares @ good) >= 0.5
-    weighed = shares * (good if is_good else 1.0 - good)
-    return weighed / weighed.sum()

@@ -130,22 +130,8 @@ class MdpOutlook:
             rows: Samples, M of them; those that are compared if None.
         """
         chosen = self._compared if rows is None else rows
-        values, mdp = self.posterior.optimal_values[chosen], self.mdp
-        reached = values[:, mdp.successors[states]]
-        exponents = (mdp.probabilities[states] * reached).sum(axis=-1)
-        exponents *= self.beta * mdp.continuations[states][:, None]
-        exponents -= exponents.max(axis=-1, keepdims=True)
-        np.exp(exponents, out=exponents)
-        exponents /= exponents.sum(axis=-1, keepdims=True)
-        return exponents
-
-    @cached_property
-    def distinct_rows(self) -> tuple[Indices, Indices]:
-        """Samples that differ from the one before, and for how long each stays."""
-        weights = self.posterior.weights
-        is_new = np.r_[True, (weights[1:] != weights[:-1]).any(axis=1)]
-        rows = np.flatnonzero(is_new)
-        return rows, np.diff(np.r_[rows, len(weights)])
+        values = self.posterior.optimal_values[chosen]
+        return action_probabilities(self.mdp, states, values, self.beta)
 
     @cached_property
     def _compared(self) -> Indices:
@@ -171,3 +157,23 @@ class MdpOutlook:
     def _mean_values(self) -> Array:
         mean = self.posterior.weights[self._compared].mean(axis=0)
         return optimal_values(self.mdp, mean[None])[0]
+
+
+def action_probabilities(
+    mdp: Mdp, states: Sequence[int] | Indices, values: Array, beta: float
+) -> Array:
+    """Return how probable each action is, shape (M, K, A).
+
+    Args:
+        mdp: The world.
+        states: States, K of them.
+        values: Optimal values of every state, shape (M, S).
+        beta: Rationality of the demonstrator.
+    """
+    reached = values[:, mdp.successors[states]]
+    exponents = (mdp.probabilities[states] * reached).sum(axis=-1)
+    exponents *= beta * mdp.continuations[states][:, None]
+    exponents -= exponents.max(axis=-1, keepdims=True)
+    np.exp(exponents, out=exponents)
+    exponents /= exponents.sum(axis=-1, keepdims=True)
+    return exponents

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 
 import numpy as np
 
@@ -43,9 +44,18 @@ class MdpPosterior(Posterior):
 
     Attributes:
         optimal_values: Optimal value of each state under each sample, shape (N, S).
+        evidence: What the demonstrator has said.
     """
 
     optimal_values: Array = field(kw_only=True)
+    evidence: Evidence = field(kw_only=True)
+
+    @cached_property
+    def distinct_rows(self) -> tuple[Indices, Indices]:
+        """Samples that differ from the one before, and for how long each stays."""
+        is_new = np.r_[True, (self.weights[1:] != self.weights[:-1]).any(axis=1)]
+        rows = np.flatnonzero(is_new)
+        return rows, np.diff(np.r_[rows, len(self.weights)])
 
 
 def infer(
@@ -73,7 +83,11 @@ def infer(
         return _walk_coordinates(likelihood, config, rng=rng)
     found = infer_posterior(likelihood, mdp.num_features, config, rng=rng)
     known = {each.name: getattr(found, each.name) for each in fields(found)}
-    return MdpPosterior(**known, optimal_values=likelihood.weigh(found.weights)[1])
+    return MdpPosterior(
+        **known,
+        optimal_values=likelihood.weigh(found.weights)[1],
+        evidence=likelihood.evidence,
+    )
 
 
 def _walk_coordinates(
@@ -106,6 +120,7 @@ def _walk_coordinates(
         is_sound=False,  # Its prior depends on how it steps.
         log_evidence=math.nan,
         optimal_values=values,
+        evidence=likelihood.evidence,
     )
 
 

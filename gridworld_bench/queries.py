@@ -19,10 +19,12 @@ class Query:
     Attributes:
         states: The state that is asked about, or those of a path, shape (L,).
         actions: What is done in each, shape (L,); None asks for the best action.
+        gain: What its answer would tell, in nats, where it was made for that.
     """
 
     states: Indices
     actions: Indices | None = None
+    gain: float = 0.0
 
     @property
     def start(self) -> int:

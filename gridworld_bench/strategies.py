@@ -6,7 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from gridworld_bench.arc import propose_informative_paths, score_arc
+from gridworld_bench.arc import (
+    propose_faithful_paths,
+    propose_informative_paths,
+    score_gain,
+)
 from gridworld_bench.outlook import MdpOutlook
 from gridworld_bench.problem import Proposer
 from gridworld_bench.queries import propose_roll_outs, propose_states
@@ -47,7 +51,7 @@ def score_active_sampling(
     Returns:
         Entropies, shape (Q,), in nats.
     """
-    rows, counts = outlook.distinct_rows
+    rows, counts = outlook.posterior.distinct_rows
     states = np.array([query.start for query in outlook.queries])
     chances = outlook.action_probabilities(states, rows)
     num_cells = chances[0].size
@@ -94,6 +98,7 @@ ACTION_METHODS: Mapping[str, Method] = {
 CRITIQUE_METHODS: Mapping[str, Method] = {
     **{name: Method(propose_roll_outs, STRATEGIES[name]) for name in _SHARED},
     "path-var": Method(propose_roll_outs, score_path_var),
-    "arc": Method(propose_informative_paths, score_arc),
+    "arc": Method(propose_informative_paths, score_gain),
+    "arc-faithful": Method(propose_faithful_paths, score_gain),
 }
 """For critique queries, by name."""

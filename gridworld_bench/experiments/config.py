@@ -13,6 +13,7 @@ ActionStrategy = Literal[
 CritiqueStrategy = Literal[
     "active-var", "random", "arc", "path-var", "cvar", "information-gain", "max-regret"
 ]
+TimedStrategy = Literal[CritiqueStrategy, "arc-faithful"]
 
 COLUMNS = (
     *("world", "strategy", "trial", "num_queries", "policy_loss", "max_policy_loss"),
@@ -34,6 +35,7 @@ _MOST = {
     "size": 128,
     "num_features": 1024,
     "num_colors": 1024,
+    "num_samples": 100_000,
     "jobs": 1000,
 }
 
@@ -207,6 +209,33 @@ class NormalisedStopConfig(StudyConfig):
     )
 
 
+@dataclass(frozen=True)
+class TimingConfig(StudyConfig):
+    """Measure how long a critique query takes: Figure 3b of the paper."""
+
+    num_trials: int = 5
+    """Worlds, in each of which every strategy learns."""
+    num_queries: int = 2
+    """Queries that are answered; one more is chosen."""
+    strategies: tuple[TimedStrategy, ...] = (  # type: ignore[misc]
+        "active-var",
+        "random",
+        "path-var",
+        "arc",
+        "arc-faithful",
+    )
+    """Who asks."""
+    num_samples: int = 300
+    """Samples of each fresh chain of arc-faithful; the paper's 10 000 take minutes."""
+    size: int = 8
+    """Cells on each side."""
+    num_features: int = 48
+    """Features of each cell."""
+
+    name: ClassVar[str] = "timing"
+    columns: ClassVar[tuple[str, ...]] = (*COLUMNS, "agreement")
+
+
 CONFIGS = {
     config.name: config
     for config in (
@@ -215,6 +244,7 @@ CONFIGS = {
         SparseBarrierConfig,
         ExampleConfig,
         NormalisedStopConfig,
+        TimingConfig,
     )
 }
 """The options of each command, by its name."""

@@ -7,6 +7,7 @@ from gridworld_bench.experiments.example import tell_queries
 from gridworld_bench.experiments.results import FIGURE, compare
 from gridworld_bench.experiments.stopping import tell_stops
 from gridworld_bench.experiments.study import Study
+from gridworld_bench.experiments.timing import tell_seconds
 from tablesetting.results import ROUNDS, Row, read_rows
 
 TABLE = "comparison.md"
@@ -17,6 +18,7 @@ FINDINGS: Mapping[str, Callable[[Study, Sequence[Row]], list[str]]] = {
     "sparse-barrier": count_demonstrations,
     "example": tell_queries,
     "normalised-stop": tell_stops,
+    "timing": tell_seconds,
 }
 """Writes summary and figure of a study, and returns its table, line by line."""
 

@@ -23,6 +23,7 @@ from tablesetting.workers import map_unordered
 
 _OF_ONE_CALL = ("jobs", "out", "resume", "overwrite")
 _TEXTS = ("world", "strategy")
+_MAYBE_EMPTY = ("normalized_var", "normalized_loss", "agreement")
 
 
 class Study:
@@ -127,7 +128,7 @@ def _is_whole(row: Mapping[str, Any], columns: Sequence[str]) -> bool:
             and all(
                 math.isfinite(float(cell))
                 for name, cell in row.items()
-                if name not in _TEXTS and (cell or not name.startswith("normalized"))
+                if name not in _TEXTS and (cell or name in _MAYBE_EMPTY)
             )
         )
     except (AttributeError, TypeError, ValueError):

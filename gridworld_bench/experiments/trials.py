@@ -2,21 +2,32 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from typing import Any, cast
 
 import numpy as np
+from scipy.stats import spearmanr
 
+from gridworld_bench.arc import (
+    faithful_gain,
+    gain_of_path,
+    propose_faithful_paths,
+    propose_informative_paths,
+    score_gain,
+)
 from gridworld_bench.experiments.config import (
+    CritiqueQueriesConfig,
     ExampleConfig,
     SparseBarrierConfig,
     StudyConfig,
+    TimingConfig,
 )
 from gridworld_bench.grid import ACTIONS
 from gridworld_bench.gridworlds import barrier_world, example_world, random_world
 from gridworld_bench.likelihood import Evidence
 from gridworld_bench.mdp import Mdp, best_policy, feature_expectations
-from gridworld_bench.posterior import CoordinateChain, MdpPosterior
+from gridworld_bench.posterior import CoordinateChain, MdpPosterior, infer
 from gridworld_bench.problem import MdpConfig, MdpProblem
 from gridworld_bench.queries import Query
 from gridworld_bench.strategies import ACTION_METHODS, CRITIQUE_METHODS, Method
@@ -103,6 +114,8 @@ def _rounds(config: StudyConfig, trial: Trial) -> Iterator[dict[str, Any]]:
         }
         if config.name == "normalised-stop":
             row |= normalized_cells(problem, cast(MdpPosterior, latest.posterior))
+        if isinstance(config, TimingConfig):
+            row["agreement"] = agreement(config, problem, trial, num_queries, latest)
         yield {
             name: round(value, _DIGITS) + 0.0 if isinstance(value, float) else value
             for name, value in row.items()
@@ -160,8 +173,53 @@ def _largest(name: str, losses: Array) -> dict[str, float | None]:
 
 def method_of(config: StudyConfig, strategy: str) -> Method:
     """Return how a strategy asks in a study."""
-    methods = CRITIQUE_METHODS if config.name == "critique-queries" else ACTION_METHODS
-    return methods[strategy]
+    if isinstance(config, TimingConfig) and strategy == "arc-faithful":
+        proposed = partial(propose_faithful_paths, num_samples=config.num_samples)
+        return Method(proposed, score_gain)
+    if isinstance(config, CritiqueQueriesConfig | TimingConfig):
+        return CRITIQUE_METHODS[strategy]
+    return ACTION_METHODS[strategy]
+
+
+def agreement(
+    config: TimingConfig,
+    problem: MdpProblem,
+    trial: Trial,
+    num_queries: int,
+    latest: Round[Query, Evidence],
+) -> float | None:
+    """Return the rank correlation of ARC's gains by two independent chains.
+
+    Of the fast gain those of paths are compared, built by the first chain; of the
+    faithful one, which takes long, those of pairs. None for other strategies.
+    """
+    if trial.strategy not in ("arc", "arc-faithful"):
+        return None
+    mdp, evidence = problem.mdp, Evidence.join(latest.demos)
+    seeds = np.random.SeedSequence(
+        config.seed, spawn_key=(trial.index, 1 + num_queries, 1)
+    )
+    first, second, rng = map(np.random.default_rng, seeds.spawn(3))
+    if trial.strategy == "arc":
+        posteriors = [infer(mdp, [evidence], CoordinateChain(), rng=first)]
+        posteriors.append(infer(mdp, [evidence], CoordinateChain(), rng=second))
+        paths = propose_informative_paths(mdp, posteriors[0], rng)
+        paths += propose_informative_paths(mdp, posteriors[0], rng)
+        gains = [
+            [gain_of_path(mdp, each, path) for path in paths] for each in posteriors
+        ]
+    else:
+        pairs = np.stack(
+            [rng.permutation(mdp.num_states)[:16], rng.integers(4, size=16)]
+        )
+        gains = [
+            [
+                faithful_gain(mdp, evidence, (s, a), config.num_samples, rng=each)
+                for s, a in pairs.T.tolist()
+            ]
+            for each in (first, second)
+        ]
+    return float(spearmanr(*gains).statistic)
 
 
 def mdp_config(config: StudyConfig) -> MdpConfig:

@@ -120,6 +120,19 @@ def test_a_normalised_stop_is_counted_by_both_normalisations(tmp_path):
     assert rows_of(out) == rows
 
 
+def test_the_timing_has_both_kinds_of_arc(tmp_path):
+    out = tmp_path / "out"
+    argv = ["timing", *SMALL, "--num-trials", "1", "--num-queries", "1"]
+    argv += ["--num-samples", "20", "--jobs", "1", "--out", str(out)]
+    assert cli.main(argv) == 0
+    found = json.loads((out / "summary.json").read_text())["strategies"]
+    assert found["arc-faithful"]["query_seconds"] > found["random"]["query_seconds"]
+    assert (
+        found["arc"]["mean_agreement"] > found["arc-faithful"]["mean_agreement"] - 1.0
+    )
+    assert found["active-var"]["mean_agreement"] is None
+
+
 def test_a_study_goes_on_after_a_kill_to_the_same_rows(tmp_path, capsys):
     whole, cut = tmp_path / "whole", tmp_path / "cut"
     assert run("action-queries", whole) == 0

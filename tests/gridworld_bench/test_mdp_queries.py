@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from worlds import KINDS, small_world, world_of_eight
 
-from gridworld_bench.arc import information, propose_informative_paths, score_arc
+from gridworld_bench.arc import (
+    faithful_gain,
+    gain_of_path,
+    information,
+    nearest_neighbour_divergence,
+    propose_faithful_paths,
+    propose_informative_paths,
+    score_gain,
+)
 from gridworld_bench.mdp import feature_expectations, solve
 from gridworld_bench.posterior import CoordinateChain
 from gridworld_bench.problem import MdpConfig, MdpProblem
@@ -171,28 +179,68 @@ def test_information_of_labels_by_hand():
     np.testing.assert_allclose(information(good, shares), [np.log(2), 0.0, 0.0])
 
 
-def test_arc_takes_the_pair_of_most_gain_and_does_not_ask_twice():
+def test_arc_takes_the_pair_of_most_gain():
     problem = problem_of("grid", CRITIQUE_METHODS["arc"])
-    posterior = posterior_of(problem)
+    mdp, posterior = problem.mdp, posterior_of(problem)
     rng = np.random.default_rng(0)
-    paths = propose_informative_paths(problem.mdp, posterior, rng)
+    paths = propose_informative_paths(mdp, posterior, rng)
     assert len(paths) == 8
     outlook = problem.outlook(paths, posterior)
-    scores = score_arc(outlook, RISK, rng)
-    rows, counts = outlook.distinct_rows
+    rows, counts = posterior.distinct_rows
     assert counts.sum() == 300
-    for path, score in zip(paths, scores, strict=True):
+    for path, score in zip(paths, score_gain(outlook, RISK, rng), strict=True):
         good = outlook.action_probabilities([path.start], rows)[:, 0]
         gains = information(good, counts / counts.sum())
         assert path.actions[0] == gains.argmax()
         assert score >= gains.max() - 1e-12
-        moves = problem.mdp.successors[path.states[:-1], path.actions[:-1], 0]
+        assert gain_of_path(mdp, posterior, path) == pytest.approx(score)
+        moves = mdp.successors[path.states[:-1], path.actions[:-1], 0]
         assert (moves == path.states[1:]).all()
+
+
+def test_a_label_that_is_supposed_tells_nothing_more():
+    problem = problem_of("grid")
+    mdp, posterior = problem.mdp, posterior_of(problem)
+    rng = np.random.default_rng(0)
+    paths = propose_informative_paths(mdp, posterior, rng)
+    path = max(paths, key=lambda path: path.gain)
+    state, action = path.states[:1], path.actions[:1]
+    gains = [
+        gain_of_path(mdp, posterior, Query(state.repeat(num), action.repeat(num)))
+        for num in (1, 300, 301)
+    ]
+    assert gains[0] > 0.0
+    assert gains[2] - gains[1] < 0.05 * gains[0]
+
+
+def test_the_divergence_of_two_normal_densities():
+    rng = np.random.default_rng(0)
+    first, second = rng.standard_normal((2000, 2)), rng.standard_normal((2000, 2))
+    assert nearest_neighbour_divergence(first, second) == pytest.approx(0.0, abs=0.1)
+    second[:, 0] += 1.0  # Half of the square of the shift.
+    assert nearest_neighbour_divergence(first, second) == pytest.approx(0.5, abs=0.15)
+    assert nearest_neighbour_divergence(first[:3], second) == 0.0
+
+
+def test_the_faithful_gain_is_that_of_fresh_chains():
+    problem = problem_of("grid")
+    mdp, evidence = problem.mdp, posterior_of(problem).evidence
+    gains = [
+        faithful_gain(mdp, evidence, (5, 1), 200, rng=np.random.default_rng(seed))
+        for seed in (0, 0, 1)
+    ]
+    assert gains[0] == gains[1] != gains[2]
+    paths = propose_faithful_paths(
+        mdp, posterior_of(problem), np.random.default_rng(0), num_samples=30
+    )
+    assert all(np.isfinite(path.gain) for path in paths)
 
 
 @pytest.mark.parametrize("methods", [ACTION_METHODS, CRITIQUE_METHODS])
 def test_every_method_learns(methods):
-    for method in methods.values():
+    for name, method in methods.items():
+        if name == "arc-faithful":
+            continue  # Seconds for each query.
         problem = problem_of("grid", method)
         first = problem.demonstrate_first(1, rng=np.random.default_rng(0))
         rounds = run_active(
