@@ -9,7 +9,7 @@ import json
 import os
 import platform
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
@@ -18,6 +18,7 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MUJOCO_GL", "disable")
 
+import grids
 import learning
 import physics
 import placements
@@ -28,6 +29,10 @@ from tablesetting.errors import TableSettingError
 from tablesetting.results import package_versions, read_json
 
 _FORMAT = "tablesetting-benchmark/1"
+_MODULES = {
+    module.__name__: module
+    for module in (placements, learning, scaling, physics, grids)
+}
 _HEADER = (
     f"{'figure':<56}{'minimum':>10}{'median':>10}{'MiB':>7}"
     f"{'plain':>10}{'measured':>10}{'ratio':>9}"
@@ -41,7 +46,7 @@ def main() -> int:
         if options.compare:
             _compare(*options.compare)
         else:
-            _run(options.out or _default_out())
+            _run(options.out or _default_out(), options.only)
     except (TableSettingError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -60,6 +65,13 @@ def _parse_options() -> argparse.Namespace:
         metavar=("A", "B"),
         help="measure nothing; print the figures of two results and their ratios",
     )
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        choices=list(_MODULES),
+        default=list(_MODULES),
+        help="what to measure; all if left out",
+    )
     return parser.parse_args()
 
 
@@ -67,12 +79,12 @@ def _default_out() -> Path:
     return Path("runs/bench") / f"{datetime.now():%Y%m%d-%H%M%S}.json"
 
 
-def _run(out: Path) -> None:
+def _run(out: Path, names: Sequence[str]) -> None:
     """Print every figure as it is there, then save all."""
     out.parent.mkdir(parents=True, exist_ok=True)
     print(_HEADER)
     figures = []
-    for figure in _all_figures():
+    for figure in _all_figures(names):
         print(_format(figure), flush=True)
         figures.append(_to_json(figure))
     content = {"format": _FORMAT, "machine": _machine(), "figures": figures}
@@ -80,9 +92,9 @@ def _run(out: Path) -> None:
     print(f"saved to {out}")
 
 
-def _all_figures() -> Iterator[Figure]:
-    for module in (placements, learning, scaling, physics):
-        for work in module.FIGURES:
+def _all_figures(names: Sequence[str]) -> Iterator[Figure]:
+    for name in names:
+        for work in _MODULES[name].FIGURES:
             yield from work()
 
 
