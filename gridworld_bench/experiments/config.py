@@ -134,6 +134,7 @@ class CritiqueQueriesConfig(StudyConfig):
     """Features of each cell."""
 
     name: ClassVar[str] = "critique-queries"
+    columns: ClassVar[tuple[str, ...]] = (*COLUMNS, "distinct_pairs", "new_pairs")
 
 
 @dataclass(frozen=True)

@@ -161,13 +161,19 @@ def _tell(
         if others:
             told = ", ".join(f"{ratio} of {other}" for other, ratio in others.items())
             lines.append(f"- {name}: {told}")
-    lines += ["", "| strategy | query [ms] | inference [s] |", "|---|---|---|"]
+    counted = [name for name in ("distinct_pairs", "new_pairs") if name in rows[0]]
+    header = ["strategy", "query [ms]", "inference [s]", *counted]
+    lines += ["", f"| {' | '.join(header)} |", "|---" * len(header) + "|"]
     for name in losses:
         query, inference = (
             float(np.median(losses_of(rows, config, f"{kind}_seconds")[name]))
             for kind in ("query", "inference")
         )
-        lines.append(f"| {name} | {1e3 * query:.1f} | {inference:.3f} |")
+        cells = [name, f"{1e3 * query:.1f}", f"{inference:.3f}"]
+        cells += [
+            f"{losses_of(rows, config, each)[name].mean():.2f}" for each in counted
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
     return lines
 
 

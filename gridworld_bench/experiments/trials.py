@@ -114,6 +114,8 @@ def _rounds(config: StudyConfig, trial: Trial) -> Iterator[dict[str, Any]]:
         }
         if config.name == "normalised-stop":
             row |= normalized_cells(problem, cast(MdpPosterior, latest.posterior))
+        if isinstance(config, CritiqueQueriesConfig):
+            row |= pair_cells(latest)
         if isinstance(config, TimingConfig):
             row["agreement"] = agreement(config, problem, trial, num_queries, latest)
         yield {
@@ -139,6 +141,16 @@ def first_evidence(
     if isinstance(config, ExampleConfig):
         return Evidence.of_pairs([(1, LEFT)])  # From a white cell into the green one.
     return problem.demonstrate_first(config.num_shown, rng=rng)
+
+
+def pair_cells(latest: Round[Query, Evidence]) -> dict[str, int]:
+    """Count the distinct pairs of the path that is asked, and those not judged before."""
+    asked = set(
+        zip(*map(np.ndarray.tolist, latest.query.distinct_pairs()), strict=True)
+    )
+    known = Evidence.join(latest.demos)
+    judged = set(zip(known.states.tolist(), known.actions.tolist(), strict=True))
+    return {"distinct_pairs": len(asked), "new_pairs": len(asked - judged)}
 
 
 def normalized_cells(
