@@ -53,7 +53,12 @@ def propose_faithful_paths(
     """
     starts = rng.permutation(mdp.initial_states)[:NUM_STARTS]
     return [
-        _build_path(mdp, _Fresh(mdp, posterior.evidence, num_samples, rng), int(s), rng)
+        _build_path(
+            mdp,
+            _Fresh(mdp, posterior.evidence, posterior.beta, num_samples, rng),
+            int(s),
+            rng,
+        )
         for s in starts
     ]
 
@@ -104,10 +109,11 @@ def faithful_gain(
     pair: tuple[int, int],
     num_samples: int,
     *,
+    beta: float = BETA,
     rng: np.random.Generator,
 ) -> float:
     """Return the faithful gain of one pair, by fresh chains, in nats."""
-    samples = _Fresh(mdp, evidence, num_samples, rng)
+    samples = _Fresh(mdp, evidence, beta, num_samples, rng)
     return float(samples.gains(pair[0], [pair[1]])[0])
 
 
@@ -142,6 +148,7 @@ class _Reweighted:
     def __init__(self, mdp: Mdp, posterior: MdpPosterior):
         rows, counts = posterior.distinct_rows
         self._mdp = mdp
+        self._beta = posterior.beta
         self._values = posterior.optimal_values[rows]
         self._shares = counts / counts.sum()
 
@@ -157,16 +164,22 @@ class _Reweighted:
         self._shares = weighed / weighed.sum()
 
     def _good(self, state: int) -> Array:
-        return action_probabilities(self._mdp, [state], self._values, BETA)[:, 0]
+        return action_probabilities(self._mdp, [state], self._values, self._beta)[:, 0]
 
 
 class _Fresh:
     """Chains that are run anew for every label that is supposed."""
 
     def __init__(
-        self, mdp: Mdp, evidence: Evidence, num_samples: int, rng: np.random.Generator
+        self,
+        mdp: Mdp,
+        evidence: Evidence,
+        beta: float,
+        num_samples: int,
+        rng: np.random.Generator,
     ):
         self._mdp = mdp
+        self._beta = beta
         self._evidence = evidence
         self._chain = CoordinateChain(num_samples=num_samples)
         self._rng = rng
@@ -195,7 +208,9 @@ class _Fresh:
 
     def _chance(self, state: int, action: int) -> float:
         values = self._posterior.optimal_values
-        good = action_probabilities(self._mdp, [state], values, BETA)[:, 0, action]
+        good = action_probabilities(self._mdp, [state], values, self._beta)[
+            :, 0, action
+        ]
         return float(good.mean())
 
     def _with(self, state: int, action: int, is_good: bool) -> Evidence:
@@ -203,7 +218,7 @@ class _Fresh:
         return Evidence.join([self._evidence, label])
 
     def _sample(self, evidence: Evidence) -> MdpPosterior:
-        return infer(self._mdp, [evidence], self._chain, rng=self._rng)
+        return infer(self._mdp, [evidence], self._chain, beta=self._beta, rng=self._rng)
 
 
 def _build_path(

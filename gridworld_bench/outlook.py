@@ -22,16 +22,12 @@ class MdpOutlook:
         mdp: The world.
         queries: The candidates, Q of them.
         posterior: The posterior.
-        beta: Rationality of the demonstrator.
     """
 
-    def __init__(
-        self, mdp: Mdp, queries: Sequence[Query], posterior: MdpPosterior, beta: float
-    ):
+    def __init__(self, mdp: Mdp, queries: Sequence[Query], posterior: MdpPosterior):
         self.mdp = mdp
         self.queries = queries
         self.posterior = posterior
-        self.beta = beta
 
     @property
     def num_queries(self) -> int:
@@ -131,7 +127,7 @@ class MdpOutlook:
         """
         chosen = self._compared if rows is None else rows
         values = self.posterior.optimal_values[chosen]
-        return action_probabilities(self.mdp, states, values, self.beta)
+        return action_probabilities(self.mdp, states, values, self.posterior.beta)
 
     @cached_property
     def _compared(self) -> Indices:

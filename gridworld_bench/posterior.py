@@ -45,10 +45,12 @@ class MdpPosterior(Posterior):
     Attributes:
         optimal_values: Optimal value of each state under each sample, shape (N, S).
         evidence: What the demonstrator has said.
+        beta: Rationality that the demonstrator was thought to have.
     """
 
     optimal_values: Array = field(kw_only=True)
     evidence: Evidence = field(kw_only=True)
+    beta: float = field(kw_only=True)
 
     @cached_property
     def distinct_rows(self) -> tuple[Indices, Indices]:
@@ -87,6 +89,7 @@ def infer(
         **known,
         optimal_values=likelihood.weigh(found.weights)[1],
         evidence=likelihood.evidence,
+        beta=likelihood.beta,
     )
 
 
@@ -121,6 +124,7 @@ def _walk_coordinates(
         log_evidence=math.nan,
         optimal_values=values,
         evidence=likelihood.evidence,
+        beta=likelihood.beta,
     )
 
 

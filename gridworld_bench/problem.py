@@ -102,9 +102,7 @@ class MdpProblem:
 
     def outlook(self, queries: Sequence[Query], posterior: Posterior) -> MdpOutlook:
         """Return what the posterior says of the candidates."""
-        return MdpOutlook(
-            self.mdp, queries, cast(MdpPosterior, posterior), self.config.beta
-        )
+        return MdpOutlook(self.mdp, queries, cast(MdpPosterior, posterior))
 
     def demonstrate(self, query: Query, *, rng: np.random.Generator) -> Evidence:
         """Ask the demonstrator: for a best action, or which pairs are as good as any."""

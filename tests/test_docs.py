@@ -2,17 +2,20 @@ import json
 import re
 import runpy
 import shlex
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tablesetting import cli
+from gridworld_bench.experiments.config import CONFIGS
+from tablesetting import cli, command_line
 from tablesetting.reward.files import read_demonstrations, read_layouts
 from tablesetting.reward.layout import LayoutSpace
 from tablesetting.reward.tasks import FOOTPRINTS, VASE
 
 ROOT = Path(__file__).parents[1]
+parse_grid = partial(command_line.parse, configs=CONFIGS, prog="", description="")
 EXAMPLES = sorted((ROOT / "docs" / "examples").glob("*.py"))
 TOLD = [ROOT / "docs" / "tutorial.md", *sorted((ROOT / "docs" / "howto").glob("*.md"))]
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
@@ -79,8 +82,10 @@ def test_every_command_is_one_that_the_command_line_takes(page):
     values = {"N": "3", "NAME": "cvar", "LIKELIHOOD": "auto", "TEACHER": "noisy"}
     for line in text.splitlines():
         program, *argv = shlex.split(line) or [""]
-        if Path(program).name == "tablesetting":
-            cli._parse([values.get(word, word) for word in argv])
+        parse = {"tablesetting": cli._parse, "gridworld-bench": parse_grid}
+        name = Path(program).name
+        if name in parse:
+            parse[name]([values.get(word, word) for word in argv])
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)

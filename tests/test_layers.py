@@ -4,6 +4,8 @@ from typing import get_args
 
 import pytest
 
+from gridworld_bench.experiments.config import ActionStrategy, CritiqueStrategy
+from gridworld_bench.strategies import ACTION_METHODS, CRITIQUE_METHODS
 from tablesetting.experiments.config import (
     LikelihoodName,
     PresetName,
@@ -77,3 +79,13 @@ def test_the_package_and_its_settings_are_light(module):
 )
 def test_choices_on_the_command_line_are_the_keys_of_the_tables(choices, table):
     assert sorted(get_args(choices)) == sorted(table)
+
+
+def test_grid_worlds_load_no_simulator():
+    modules = ("gridworld_bench.cli", "gridworld_bench.experiments.findings")
+    assert not imported_by(*modules) & set(SIMULATORS)
+
+
+def test_the_strategies_of_grid_worlds_are_those_of_their_tables():
+    assert set(get_args(ActionStrategy)) == set(ACTION_METHODS)
+    assert {*get_args(CritiqueStrategy), "arc-faithful"} == set(CRITIQUE_METHODS)
