@@ -25,6 +25,7 @@ from tablesetting.irl.risk import RiskConfig
 NUM_STARTS = 8
 """Initial states, drawn at random, from which paths are built."""
 
+_MOST_SAMPLES = 2000  # Distinct ones that gains are means over.
 _NEIGHBOUR = 4  # Which nearest one a density is read from.
 
 
@@ -33,7 +34,11 @@ def propose_informative_paths(
 ) -> list[Query]:
     """Build a path from some initial states, each by the greatest fast gain."""
     starts = rng.permutation(mdp.initial_states)[:NUM_STARTS]
-    return [_build_path(mdp, _Reweighted(mdp, posterior), int(s), rng) for s in starts]
+    samples, paths = _Reweighted(mdp, posterior), []
+    for start in starts:
+        samples.restart()
+        paths.append(_build_path(mdp, samples, int(start), rng))
+    return paths
 
 
 def propose_faithful_paths(
@@ -147,10 +152,18 @@ class _Reweighted:
 
     def __init__(self, mdp: Mdp, posterior: MdpPosterior):
         rows, counts = posterior.distinct_rows
+        stride = -(-len(rows) // _MOST_SAMPLES)
+        rows, counts = rows[::stride], counts[::stride]
         self._mdp = mdp
         self._beta = posterior.beta
         self._values = posterior.optimal_values[rows]
-        self._shares = counts / counts.sum()
+        self._counts = counts / counts.sum()
+        self._known: dict[int, Array] = {}
+        self.restart()
+
+    def restart(self) -> None:
+        """Suppose no label."""
+        self._shares = self._counts
 
     def gains(self, state: int) -> Array:
         """Return the gain of each action."""
@@ -164,7 +177,10 @@ class _Reweighted:
         self._shares = weighed / weighed.sum()
 
     def _good(self, state: int) -> Array:
-        return action_probabilities(self._mdp, [state], self._values, self._beta)[:, 0]
+        if state not in self._known:
+            chances = action_probabilities(self._mdp, [state], self._values, self._beta)
+            self._known[state] = chances[:, 0]
+        return self._known[state]
 
 
 class _Fresh:

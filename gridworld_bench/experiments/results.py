@@ -149,7 +149,7 @@ def _tell(
                 f"{means[k] / means[0]:.3f}" if k < len(means) else "" for k in shown
             ]
             lines.append(f"| paper: {name} | {' | '.join(cells)} |")
-    first, last = _AREA
+    first, last = _AREA[0], min(_AREA[1], config.num_queries)
     if any(ratios.values()):
         lines += [
             "",

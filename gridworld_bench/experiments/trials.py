@@ -13,7 +13,6 @@ from gridworld_bench.arc import (
     faithful_gain,
     gain_of_path,
     propose_faithful_paths,
-    propose_informative_paths,
     score_gain,
 )
 from gridworld_bench.experiments.config import (
@@ -202,8 +201,7 @@ def agreement(
 ) -> float | None:
     """Return the rank correlation of ARC's gains by two independent chains.
 
-    Of the fast gain those of paths are compared, built by the first chain; of the
-    faithful one, which takes long, those of pairs. None for other strategies.
+    Those of 16 random pairs are compared. None for other strategies.
     """
     if trial.strategy not in ("arc", "arc-faithful"):
         return None
@@ -211,26 +209,23 @@ def agreement(
     seeds = np.random.SeedSequence(
         config.seed, spawn_key=(trial.index, 1 + num_queries, 1)
     )
-    first, second, rng = map(np.random.default_rng, seeds.spawn(3))
-    if trial.strategy == "arc":
-        posteriors = [infer(mdp, [evidence], CoordinateChain(), rng=first)]
-        posteriors.append(infer(mdp, [evidence], CoordinateChain(), rng=second))
-        paths = propose_informative_paths(mdp, posteriors[0], rng)
-        paths += propose_informative_paths(mdp, posteriors[0], rng)
-        gains = [
-            [gain_of_path(mdp, each, path) for path in paths] for each in posteriors
-        ]
-    else:
-        pairs = np.stack(
-            [rng.permutation(mdp.num_states)[:16], rng.integers(4, size=16)]
-        )
-        gains = [
-            [
-                faithful_gain(mdp, evidence, (s, a), config.num_samples, rng=each)
-                for s, a in pairs.T.tolist()
-            ]
-            for each in (first, second)
-        ]
+    *chains, rng = map(np.random.default_rng, seeds.spawn(3))
+    states = rng.permutation(mdp.num_states)[:16]
+    pairs = np.stack([states, rng.integers(mdp.num_actions, size=len(states))], axis=1)
+    gains = []
+    for chain in chains:
+        if trial.strategy == "arc":
+            posterior = infer(mdp, [evidence], CoordinateChain(), rng=chain)
+            paths = [Query(pair[:1], pair[1:]) for pair in pairs]
+            gains.append([gain_of_path(mdp, posterior, path) for path in paths])
+        else:
+            size = config.num_samples
+            gains.append(
+                [
+                    faithful_gain(mdp, evidence, (s, a), size, rng=chain)
+                    for s, a in pairs.tolist()
+                ]
+            )
     return float(spearmanr(*gains).statistic)
 
 
