@@ -227,6 +227,8 @@ def _improve_chances(world: World, choice: Unsigned, values: Array) -> float:
 @_compiled()
 def _log_likelihood(world: World, values: Array, pairs: Pairs, beta: float) -> float:
     """Evaluate the log likelihood of the pairs, given optimal values."""
+    if world.successors.shape[1] == 1:
+        return 0.0  # There is no choice.
     nexts, successors = world.nexts, world.successors
     probabilities, continuations = world.probabilities, world.continuations
     states, actions = pairs.states, pairs.actions
@@ -259,6 +261,8 @@ def _bound_log_likelihood(
     The odds against an action are at least those of the best other, and at most as many
     times that as there are others.
     """
+    if world.successors.shape[1] == 1:
+        return 0.0  # There is no choice.
     nexts, successors = world.nexts, world.successors
     probabilities, continuations = world.probabilities, world.continuations
     states, actions, paths = pairs.states, pairs.actions, pairs.paths

@@ -125,20 +125,21 @@ def faithful_gain(
 def nearest_neighbour_divergence(samples: Array, others: Array) -> float:
     r"""Estimate the Kullback-Leibler divergence of two densities from draws of each.
 
-    :math:`\frac{d}{n} \sum_i \log \frac{\nu_k(i)}{\rho_k(i)} + \log \frac{m}{n - 1}`, with
+    :math:`\frac{d - 1}{n} \sum_i \log \frac{\nu_k(i)}{\rho_k(i)} + \log \frac{m}{n - 1}`, with
     :math:`\rho_k` and :math:`\nu_k` the distances to the k-th nearest of the other draws
     and of those of the second density.
 
     Source: Wang, Kulkarni & Verdu 2009, with k = 4.
 
     Args:
-        samples: Distinct draws of the first density, shape (n, d).
+        samples: Distinct draws of the first density, on the L1 sphere, which has a
+            dimension less, shape (n, d).
         others: Distinct draws of the second one, shape (m, d).
 
     Returns:
         The divergence, in nats; it can be negative. 0 with too few draws.
     """
-    num, dim = samples.shape
+    num, dim = len(samples), samples.shape[1] - 1
     if min(num, len(others)) <= _NEIGHBOUR:
         return 0.0
     own = np.partition(cdist(samples, samples), _NEIGHBOUR, axis=1)[:, _NEIGHBOUR]

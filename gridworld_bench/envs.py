@@ -17,7 +17,7 @@ class MdpEnv(gym.Env[Any, Any]):
 
     A step gives the reward of the state that is left. One that ends the episode adds
     that of the terminal state, discounted, so that the discounted sum of all rewards is
-    :math:`V(s)` of `gridworld_bench.mdp`.
+    :math:`V(s)` of `gridworld_bench.mdp`, unless the episode starts where it ends.
 
     Attributes:
         P: For each state and action, the outcomes: `P[state][action]`.
@@ -60,12 +60,13 @@ def tabulate(mdp: Mdp, weights: Array) -> dict[int, dict[int, list[Outcome]]]:
 
     def outcomes(state: int, action: int) -> list[Outcome]:
         chances: dict[int, float] = {}
+        total = float(mdp.probabilities[state, action].sum())
         for there, chance in zip(
             mdp.successors[state, action].tolist(),
             mdp.probabilities[state, action].tolist(),
             strict=True,
         ):
-            chances[there] = chances.get(there, 0.0) + chance
+            chances[there] = chances.get(there, 0.0) + chance / total
         if mdp.is_terminal[state]:
             return [(1.0, state, 0.0, True)]
         return [

@@ -65,7 +65,7 @@ def read_world(path: Path) -> tuple[Mdp, Array | None]:
             initial_states=_read(content, path, "initial_states", np.intp, 1),
             is_terminal=is_terminal,
         )
-    except ValueError as error:
+    except (ValueError, OverflowError) as error:
         raise InvalidFile(f"'{path}': {error}; mend it") from error
     if content.get("true_weights") is None:
         return mdp, None
@@ -129,7 +129,7 @@ def _read(
     """Return a field as an array of numbers."""
     try:
         array = np.array(content.get(field))
-    except ValueError:  # Rows of several lengths.
+    except (ValueError, OverflowError):  # Rows of several lengths.
         array = np.array(None)
     is_number = array.dtype.kind in ("iu" if kind is np.intp else "iuf")
     if array.size == 0 and array.ndim == num_axes:

@@ -111,7 +111,11 @@ def example_world() -> tuple[Mdp, Array]:
 
 
 def barrier_world(
-    size: int = 8, num_colors: int = 6, *, rng: np.random.Generator
+    size: int = 8,
+    num_colors: int = 6,
+    *,
+    num_starts: int | None = None,
+    rng: np.random.Generator,
 ) -> tuple[Mdp, Array]:
     """Draw a sparse world such as that of appendix A, whose cells are not given.
 
@@ -121,10 +125,12 @@ def barrier_world(
     Args:
         size: Cells on each side, at least 3.
         num_colors: Colors of the barrier.
+        num_starts: Cells of the bottom row in which an episode can start; anywhere if
+            None.
         rng: Source of the world and of what is wanted.
 
     Returns:
-        The world, which starts anywhere, and the true weights, shape (2 + C,).
+        The world, and the true weights, shape (2 + C,).
     """
     barrier = np.arange(size) % num_colors + 2
     cells = np.ones((size, size), dtype=np.intp)
@@ -135,5 +141,8 @@ def barrier_world(
         [[1.0, -rng.uniform(0.0, 0.1)], -rng.uniform(0.1, 1.0, num_colors)]
     )
     features = np.eye(2 + num_colors)[cells.ravel()]
-    mdp = make_grid(features, size, terminal_states=[goal])
+    starts = None
+    if num_starts is not None:
+        starts = (size * (size - 1) + rng.permutation(size)[:num_starts]).tolist()
+    mdp = make_grid(features, size, initial_states=starts, terminal_states=[goal])
     return mdp, normalize_l1(weights)

@@ -64,14 +64,14 @@ class Mdp:
                     f"`{name}` must be states, at least one, below {num_states}"
                 )
         if (
-            not np.allclose(self.probabilities.sum(axis=-1), 1.0, atol=1e-9)
+            not np.allclose(self.probabilities.sum(axis=-1), 1.0, rtol=0.0, atol=1e-9)
             or (self.probabilities < 0.0).any()
         ):
             raise ValueError(
                 "`probabilities` must be 0 or more, of sum 1 for each action"
             )
-        if not np.isfinite(self.features).all():
-            raise ValueError("`features` must be finite")
+        if not self.features.shape[1] or not np.isfinite(self.features).all():
+            raise ValueError("`features` must be finite, at least one of each state")
         if not 0.0 <= self.discount < 1.0:
             raise ValueError(f"`discount` must be in [0, 1); got {self.discount}")
 

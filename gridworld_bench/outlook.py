@@ -42,12 +42,12 @@ class MdpOutlook:
     @cached_property
     def losses(self) -> Array:
         """What the robot's policy loses from each start under each sample, (Q, N)."""
-        return self._losses_at(np.array([query.start for query in self.queries]))
+        return self.losses_at(np.array([query.start for query in self.queries]))
 
     @property
     def deployed_losses(self) -> Array:
         """The same in the initial states, under the M samples, shape (T, M)."""
-        losses = self._losses_at(self.mdp.initial_states)
+        losses = self.losses_at(self.mdp.initial_states)
         return losses[:, self._compared]
 
     @cached_property
@@ -134,7 +134,8 @@ class MdpOutlook:
         num = len(self.posterior.weights)
         return np.linspace(0, num - 1, min(_NUM_COMPARED, num)).astype(np.intp)
 
-    def _losses_at(self, states: Indices) -> Array:
+    def losses_at(self, states: Indices) -> Array:
+        """Return what the robot's policy loses from some states, shape (K, N)."""
         posterior, mdp = self.posterior, self.mdp
         policy = best_policy(mdp, posterior.guessed_weights)
         collected = feature_expectations(mdp, policy)[states]

@@ -77,4 +77,5 @@ def step(mdp: Mdp, state: int, action: int, *, rng: np.random.Generator) -> int:
     chances = mdp.probabilities[state, action]
     if len(chances) == 1:
         return int(mdp.successors[state, action, 0])
+    chances = chances / chances.sum()
     return int(rng.choice(mdp.successors[state, action], p=chances))

@@ -1,5 +1,6 @@
 """How exact figures of a sample are, by drawing it again and again."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -28,7 +29,7 @@ class Estimate:
 
     Attributes:
         value: The figure.
-        low: Lower end of the interval; None where a single value tells nothing of it.
+        low: Lower end of the interval; None where the sample tells nothing of it.
         high: Upper end; of a maximum no more than itself, as nothing larger was seen.
     """
 
@@ -90,6 +91,14 @@ def estimate_ratio(
     if len(values) < 2:
         return Estimate(ratio, None, None)
     drawn = rng.integers(len(values), size=(_NUM_RESAMPLES, len(values)))
-    ratios = values[drawn].sum(axis=1) / np.maximum(others[drawn].sum(axis=1), 1e-300)
+    below = others[drawn].sum(axis=1)
+    ratios = np.full(len(drawn), np.inf)
+    np.divide(values[drawn].sum(axis=1), below, out=ratios, where=below > 0.0)
     tail = (1.0 - _CONFIDENCE) / 2.0
-    return Estimate(ratio, *np.quantile(ratios, [tail, 1.0 - tail]).tolist())
+    # No interpolation: between infinite ones it would be NaN.
+    low, high = np.quantile(ratios, [tail, 1.0 - tail], method="nearest").tolist()
+    return (
+        Estimate(ratio, low, high)
+        if math.isfinite(high)
+        else Estimate(ratio, None, None)
+    )

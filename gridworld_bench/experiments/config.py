@@ -24,8 +24,11 @@ COLUMNS = (
 _LEAST = {
     "num_trials": 1,
     "num_queries": 0,
-    "size": 2,
-    "num_features": 1,
+    "size": 3,
+    "num_features": 2,
+    "num_colors": 1,
+    "num_starts": 1,
+    "num_samples": 20,
     "jobs": 1,
     "seed": 0,
 }
@@ -154,11 +157,21 @@ class SparseBarrierConfig(StudyConfig):
     """Cells on each side."""
     num_colors: int = 6
     """Colors of the barrier."""
+    num_starts: Annotated[int | None, arg(help_behavior_hint="(default: all)")] = None
+    """Initial states, in the bottom row, as in the figure of the appendix; its ratio of
+    demonstrations is for all states."""
     level: float = 0.01
     """Worst-case loss that is to be reached."""
 
     name: ClassVar[str] = "sparse-barrier"
     num_shown: ClassVar[int] = 1
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.num_starts is not None and self.num_starts > self.size:
+            raise ValueError(
+                f"--num-starts must be at most --size, {self.size}; got {self.num_starts}"
+            )
 
 
 @dataclass(frozen=True)
@@ -235,6 +248,13 @@ class TimingConfig(StudyConfig):
 
     name: ClassVar[str] = "timing"
     columns: ClassVar[tuple[str, ...]] = (*COLUMNS, "agreement")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.preset != "paper":
+            raise ValueError(
+                f"--preset must be paper, whose chain ARC is made for; got {self.preset}"
+            )
 
 
 CONFIGS = {

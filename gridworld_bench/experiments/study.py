@@ -23,6 +23,7 @@ from tablesetting.workers import map_unordered
 
 _OF_ONE_CALL = ("jobs", "out", "resume", "overwrite")
 _TEXTS = ("world", "strategy")
+_WHOLE_NUMBERS = ("trial", "num_queries", "query")
 _MAYBE_EMPTY = ("normalized_var", "normalized_loss", "agreement")
 
 
@@ -124,11 +125,11 @@ def _is_whole(row: Mapping[str, Any], columns: Sequence[str]) -> bool:
     try:
         return (
             tuple(row) == tuple(columns)
-            and row["trial"].isdecimal()
+            and all(row[name].isdecimal() for name in _WHOLE_NUMBERS)
             and all(
                 math.isfinite(float(cell))
                 for name, cell in row.items()
-                if name not in _TEXTS and (cell or name in _MAYBE_EMPTY)
+                if name not in _TEXTS and (cell or name not in _MAYBE_EMPTY)
             )
         )
     except (AttributeError, TypeError, ValueError):

@@ -26,6 +26,7 @@ from gridworld_bench.grid import ACTIONS
 from gridworld_bench.gridworlds import barrier_world, example_world, random_world
 from gridworld_bench.likelihood import Evidence
 from gridworld_bench.mdp import Mdp, best_policy, feature_expectations
+from gridworld_bench.outlook import MdpOutlook
 from gridworld_bench.posterior import CoordinateChain, MdpPosterior, infer
 from gridworld_bench.problem import MdpConfig, MdpProblem
 from gridworld_bench.queries import Query
@@ -39,10 +40,12 @@ from tablesetting.irl.risk import (
     value_at_risk,
 )
 from tablesetting.irl.sampler import McmcConfig
+from tablesetting.results import finite_or_none
 
 LEFT = ACTIONS.index("left")
 
 _DIGITS = 9
+_NUM_COMPARED = 16  # Pairs whose gains by two chains are.
 
 
 @dataclass(frozen=True)
@@ -106,7 +109,7 @@ def _rounds(config: StudyConfig, trial: Trial) -> Iterator[dict[str, Any]]:
             "num_queries": num_queries,
             "policy_loss": float(losses.mean()),
             "max_policy_loss": float(losses.max()),
-            "var": latest.var_bound,
+            "var": _largest_var(latest),
             "query": latest.query.start,
             "query_seconds": latest.query_seconds,
             "inference_seconds": latest.inference_seconds,
@@ -126,7 +129,9 @@ def _rounds(config: StudyConfig, trial: Trial) -> Iterator[dict[str, Any]]:
 def make_world(config: StudyConfig, *, rng: np.random.Generator) -> tuple[Mdp, Array]:
     """Draw the world of a trial, and what is wanted there."""
     if isinstance(config, SparseBarrierConfig):
-        return barrier_world(config.size, config.num_colors, rng=rng)
+        return barrier_world(
+            config.size, config.num_colors, num_starts=config.num_starts, rng=rng
+        )
     if isinstance(config, ExampleConfig):
         return example_world()
     size, num_features = getattr(config, "size", 8), getattr(config, "num_features", 48)
@@ -140,6 +145,15 @@ def first_evidence(
     if isinstance(config, ExampleConfig):
         return Evidence.of_pairs([(1, LEFT)])  # From a white cell into the green one.
     return problem.demonstrate_first(config.num_shown, rng=rng)
+
+
+def _largest_var(latest: Round[Query, Evidence]) -> float:
+    """Return the largest value at risk over the initial states, whatever is asked."""
+    outlook = cast(MdpOutlook, latest.outlook)
+    if len(latest.candidates) == len(outlook.mdp.initial_states):
+        return latest.var_bound
+    losses = outlook.losses_at(outlook.mdp.initial_states)
+    return float(value_at_risk(losses, RiskConfig().alpha).max())
 
 
 def pair_cells(latest: Round[Query, Evidence]) -> dict[str, int]:
@@ -157,9 +171,9 @@ def normalized_cells(
 ) -> dict[str, float | None]:
     """Return the largest normalised value at risk, and what it is to bound.
 
-    The paper divides by the optimal value, which means nothing unless that is positive
-    everywhere; then the cells are empty. The other divides by what acting at random
-    loses (`irl.risk.random_normalized_evd`).
+    The paper divides by the optimal value. A sample in which that is not positive counts
+    as an infinite loss, and a cell that would be infinite is empty. The other divides by
+    what acting at random loses (`irl.risk.random_normalized_evd`).
     """
     mdp, states = problem.mdp, problem.mdp.initial_states
     policy = best_policy(mdp, posterior.guessed_weights)
@@ -170,16 +184,19 @@ def normalized_cells(
     by_random = random_normalized_evd(
         best, own, problem.random_features[states] @ weights.T
     )
-    cells: dict[str, float | None] = {"normalized_var": None, "normalized_loss": None}
-    if (best > 0.0).all():
-        cells = _largest("normalized", normalized_evd(best, own))
-    return cells | _largest("random_normalized", by_random)
+    by_best = np.full(best.shape, np.inf)
+    is_positive = best > 0.0
+    by_best[is_positive] = normalized_evd(best[is_positive], own[is_positive])
+    return _largest("normalized", by_best) | _largest("random_normalized", by_random)
 
 
 def _largest(name: str, losses: Array) -> dict[str, float | None]:
     """Return the largest quantile over samples, and the true loss, the last column."""
     var = value_at_risk(losses[:, :-1], RiskConfig().alpha)
-    return {f"{name}_var": float(var.max()), f"{name}_loss": float(losses[:, -1].max())}
+    return {
+        f"{name}_var": finite_or_none(float(var.max())),
+        f"{name}_loss": finite_or_none(float(losses[:, -1].max())),
+    }
 
 
 def method_of(config: StudyConfig, strategy: str) -> Method:
@@ -210,7 +227,7 @@ def agreement(
         config.seed, spawn_key=(trial.index, 1 + num_queries, 1)
     )
     *chains, rng = map(np.random.default_rng, seeds.spawn(3))
-    states = rng.permutation(mdp.num_states)[:16]
+    states = rng.permutation(mdp.num_states)[:_NUM_COMPARED]
     pairs = np.stack([states, rng.integers(mdp.num_actions, size=len(states))], axis=1)
     gains = []
     for chain in chains:
@@ -226,6 +243,8 @@ def agreement(
                     for s, a in pairs.tolist()
                 ]
             )
+    if any(np.ptp(each) == 0.0 for each in gains):
+        return None  # There is no order to compare.
     return float(spearmanr(*gains).statistic)
 
 

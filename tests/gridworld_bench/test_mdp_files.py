@@ -47,6 +47,8 @@ def test_demonstrations_come_back_as_they_were(tmp_path):
         ({"successors": [[[99]] * 4] * 16}, "below 16"),
         ({"discount": 1.0}, "discount"),
         ({"discount": None}, "discount"),
+        ({"discount": 10**400}, "too large"),
+        ({"features": [[]] * 16}, "at least one"),
         ({"initial_states": []}, "at least one"),
         ({"terminal_states": [16]}, "below 16"),
         ({"true_weights": [1.0]}, "6 finite numbers"),

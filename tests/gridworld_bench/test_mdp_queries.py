@@ -2,6 +2,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from scipy.special import digamma
 from worlds import KINDS, small_world, world_of_eight
 
 from gridworld_bench.arc import (
@@ -213,12 +214,15 @@ def test_a_label_that_is_supposed_tells_nothing_more():
     assert gains[2] - gains[1] < 0.05 * gains[0]
 
 
-def test_the_divergence_of_two_normal_densities():
+def test_the_divergence_of_two_densities_on_the_sphere():
     rng = np.random.default_rng(0)
-    first, second = rng.standard_normal((2000, 2)), rng.standard_normal((2000, 2))
-    assert nearest_neighbour_divergence(first, second) == pytest.approx(0.0, abs=0.1)
-    second[:, 0] += 1.0  # Half of the square of the shift.
-    assert nearest_neighbour_divergence(first, second) == pytest.approx(0.5, abs=0.15)
+    first, second = (rng.dirichlet(shape, size=2500) for shape in ([3] * 3, [1] * 3))
+    same = rng.dirichlet([3] * 3, size=2500)
+    assert nearest_neighbour_divergence(first, same) == pytest.approx(0.0, abs=0.1)
+    # log(8! / (2! 2! 2! 2!)) + 6 (psi(3) - psi(9)), of Dirichlet densities.
+    expected = np.log(40320 / 16) + 6 * (digamma(3) - digamma(9))
+    found = nearest_neighbour_divergence(first, second)
+    assert found == pytest.approx(expected, abs=0.1)
     assert nearest_neighbour_divergence(first[:3], second) == 0.0
 
 
