@@ -5,7 +5,7 @@ from functools import partial
 
 import numpy as np
 from cases import make_rng
-from figure import Figure, Plain, Quantity, Timing, measure
+from figure import Figure, Plain, Quantity, Timing, Work, measure
 
 from gridworld_bench.gridworlds import random_world
 from gridworld_bench.likelihood import Evidence
@@ -46,7 +46,7 @@ def queries() -> Iterator[Figure]:
         posterior = _posterior(mdp, weights, num_samples)
         yield measure(
             f"action query, active-var, {num_samples} samples",
-            partial(_ask, ACTION_METHODS["active-var"], mdp, weights, posterior),
+            _query(ACTION_METHODS["active-var"], mdp, weights, posterior),
             plain=Plain(
                 partial(_plain_losses, mdp, posterior), _PLAIN_SAMPLES / num_samples
             ),
@@ -55,7 +55,7 @@ def queries() -> Iterator[Figure]:
     for kind, methods in (("action", ACTION_METHODS), ("critique", CRITIQUE_METHODS)):
         for name, method in methods.items():
             if (kind, name) != ("action", "active-var") and name != "arc-faithful":
-                work = partial(_ask, method, mdp, weights, posterior)
+                work = _query(method, mdp, weights, posterior)
                 yield measure(f"{kind} query, {name}, 10000 samples", work)
 
 
@@ -91,10 +91,17 @@ def _posterior(mdp: Mdp, weights: Array, num_samples: int) -> MdpPosterior:
     )
 
 
-def _ask(method: Method, mdp: Mdp, weights: Array, posterior: MdpPosterior) -> Array:
+def _query(method: Method, mdp: Mdp, weights: Array, posterior: MdpPosterior) -> Work:
+    """Return what makes candidates and scores them, losses included."""
     problem = MdpProblem(mdp, weights, MdpConfig(), method.propose)
-    queries = problem.propose_queries([], posterior, rng=make_rng())
-    return method.score(problem.outlook(queries, posterior), RiskConfig(), make_rng())
+
+    def ask() -> Array:
+        queries = problem.propose_queries([], posterior, rng=make_rng())
+        return method.score(
+            problem.outlook(queries, posterior), RiskConfig(), make_rng()
+        )
+
+    return ask
 
 
 def _plain_proposals(mdp: Mdp, evidence: Evidence, num: int) -> None:
