@@ -1,6 +1,5 @@
 """The paper's experiments in grid worlds, a command each."""
 
-import contextlib
 import os
 import shlex
 import sys
@@ -10,7 +9,7 @@ from typing import cast
 
 from gridworld_bench.experiments.config import CONFIGS, StudyConfig
 from tablesetting.command_line import (
-    is_tenth,
+    follow_trials,
     new_folder,
     num_cores,
     parse,
@@ -44,8 +43,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _study(config: StudyConfig) -> int:
-    from tqdm import tqdm
-
     from gridworld_bench.experiments.findings import finish
     from gridworld_bench.experiments.study import Study
     from gridworld_bench.experiments.trials import load_kernels
@@ -64,16 +61,8 @@ def _study(config: StudyConfig) -> int:
         with telling_why_it_stops(progress):
             if study.unfinished:
                 load_kernels()  # Lest every process compile them.
-            with (
-                contextlib.closing(study.run(config.jobs or num_cores())) as trials,
-                tqdm(
-                    total=num_trials, initial=num_before, unit="trial", disable=None
-                ) as bar,
-            ):
-                for num_done, _ in enumerate(trials, start=num_before + 1):
-                    bar.update()
-                    if bar.disable and is_tenth(num_done, num_trials):
-                        print(f"{num_done} of {num_trials} trials", flush=True)
+            trials = study.run(config.jobs or num_cores())
+            follow_trials(trials, num_before, num_trials)
             lines = finish(study)
     print(*lines, sep="\n")
     return 0

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tablesetting.command_line import (
     FAILED,
-    is_tenth,
+    follow_trials,
     new_folder,
     num_cores,
     parse,
@@ -230,8 +230,6 @@ def _validate(config: ValidateConfig) -> int:
 
 
 def _study(config: TrialsConfig) -> int:
-    from tqdm import tqdm
-
     from tablesetting.experiments.study import finish_study, run_study
     from tablesetting.experiments.study_files import StudyFolder
 
@@ -251,18 +249,8 @@ def _study(config: TrialsConfig) -> int:
         with telling_why_it_stops(progress):
             if study.unfinished:
                 _load_kernels()  # Lest every process compile them.
-            with (
-                contextlib.closing(
-                    run_study(study, config.jobs or num_cores())
-                ) as trials,
-                tqdm(
-                    total=num_trials, initial=num_before, unit="trial", disable=None
-                ) as bar,
-            ):
-                for num_done, _ in enumerate(trials, start=num_before + 1):
-                    bar.update()
-                    if bar.disable and is_tenth(num_done, num_trials):
-                        print(f"{num_done} of {num_trials} trials", flush=True)
+            trials = run_study(study, config.jobs or num_cores())
+            follow_trials(trials, num_before, num_trials)
             lines = finish_study(study)
     print(*lines, sep="\n")
     return 0

@@ -9,7 +9,7 @@ import re
 import shlex
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -170,7 +170,29 @@ def resume_advice(out: Path) -> str:
     return f"go on with the same options and --resume {shlex.join(['--out', str(out)])}"
 
 
-def is_tenth(count: int, total: int) -> bool:
+def follow_trials(
+    trials: Generator[object, None, None], num_before: int, num_trials: int
+) -> None:
+    """Carry trials out, and show how far they are: a bar, or a line for each tenth.
+
+    Args:
+        trials: Does another one each time; closed in any case.
+        num_before: How many are done already.
+        num_trials: How many there are in all.
+    """
+    from tqdm import tqdm
+
+    with (
+        contextlib.closing(trials),
+        tqdm(total=num_trials, initial=num_before, unit="trial", disable=None) as bar,
+    ):
+        for num_done, _ in enumerate(trials, start=num_before + 1):
+            bar.update()
+            if bar.disable and _is_tenth(num_done, num_trials):
+                print(f"{num_done} of {num_trials} trials", flush=True)
+
+
+def _is_tenth(count: int, total: int) -> bool:
     """Tell whether a count is the first of a tenth of the total."""
     return 10 * count // total > 10 * (count - 1) // total
 

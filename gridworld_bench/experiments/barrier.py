@@ -10,7 +10,7 @@ from gridworld_bench.experiments.study import Study
 from tablesetting.bootstrap import estimate_ratio
 from tablesetting.curves import Curve, CurveKey
 from tablesetting.plotting import plot_strategies
-from tablesetting.results import SUMMARY, Row
+from tablesetting.results import Row
 
 _NO_LOSS = 1e-9
 _PUBLISHED_RATIO = 3.45
@@ -51,18 +51,7 @@ def count_demonstrations(study: Study, rows: Sequence[Row]) -> list[str]:
             .mean(axis=0)
             .tolist(),
         }
-    study.folder.write_json(
-        SUMMARY,
-        {
-            "world": config.name,
-            "num_trials": config.num_trials,
-            "num_queries": config.num_queries,
-            "preset": config.preset,
-            "seed": config.seed,
-            "level": config.level,
-            "strategies": found,
-        },
-    )
+    study.write_summary(found, level=config.level)
     _draw(study, rows)
     return lines
 

@@ -14,7 +14,7 @@ from gridworld_bench.grid import grid_successors
 from gridworld_bench.gridworlds import EXAMPLE
 from tablesetting.curves import Share
 from tablesetting.irl.arrays import Array
-from tablesetting.results import SUMMARY, Row
+from tablesetting.results import Row
 
 _PAINT = {"w": "white", "y": "#f2d024", "g": "#4caf50", "b": "#4a7fc1"}
 _WORDS = {"y": "yellow", "b": "blue"}
@@ -50,16 +50,7 @@ def tell_queries(study: Study, rows: Sequence[Row]) -> list[str]:
                 f"| {strategy} | {', '.join(map(str, common))} | {word} | {share} |"
             )
             found[strategy][f"share_next_to_{word}"] = share.value
-    study.folder.write_json(
-        SUMMARY,
-        {
-            "world": config.name,
-            "num_trials": config.num_trials,
-            "preset": config.preset,
-            "seed": config.seed,
-            "strategies": found,
-        },
-    )
+    study.write_summary(found)
     study.folder.write(FIGURE, draw_maps(config).savefig)
     return lines
 

@@ -1,9 +1,9 @@
 """Curves of several strategies beside the published ones."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from tablesetting.bootstrap import Estimate, estimate_ratio
 from tablesetting.curves import Curve, CurveKey, read_published
 from tablesetting.irl.arrays import Array
 from tablesetting.plotting import plot_strategies
-from tablesetting.results import SUMMARY, Row, RunFolder, numbers
+from tablesetting.results import Row, RunFolder, numbers
 
 FIGURE = "figures/comparison.png"
 QUANTITY = "policy_loss"
@@ -35,12 +35,36 @@ def published_curves() -> dict[CurveKey, Curve]:
 
 def compare(study: Study, rows: Sequence[Row]) -> list[str]:
     """Compare strategies by their curves, and these with the paper's."""
-    folder, config = study.folder, study.config
+    config = study.config
     losses = losses_of(rows, config)
     ratios = area_ratios(losses, config)
-    _draw(folder, losses, config)
-    folder.write_json(SUMMARY, summarize(losses, ratios, rows, config))
-    return _tell(losses, ratios, config, rows)
+    seconds = {
+        kind: {
+            name: float(np.median(each))
+            for name, each in losses_of(rows, config, kind).items()
+        }
+        for kind in ("query_seconds", "inference_seconds")
+    }
+    _draw(study.folder, losses, config)
+    study.write_summary(
+        {
+            name: {
+                "mean_policy_loss": each.mean(axis=0).tolist(),
+                "normalized_policy_loss": normalized(each).tolist(),
+                "area_ratio": {
+                    other: asdict(ratio) for other, ratio in ratios[name].items()
+                },
+                **{kind: medians[name] for kind, medians in seconds.items()},
+            }
+            for name, each in losses.items()
+        }
+    )
+    counts: dict[str, dict[str, Array]] = {
+        column: losses_of(rows, config, column)
+        for column in ("distinct_pairs", "new_pairs")
+        if column in config.columns
+    }
+    return _tell(losses, ratios, seconds, counts, config)
 
 
 def losses_of(
@@ -86,44 +110,12 @@ def area_ratios(
     }
 
 
-def summarize(
-    losses: Mapping[str, Array],
-    ratios: Mapping[str, Mapping[str, Estimate]],
-    rows: Sequence[Row],
-    config: StudyConfig,
-) -> dict[str, Any]:
-    """Return the content of summary.json."""
-    seconds = {
-        kind: losses_of(rows, config, f"{kind}_seconds")
-        for kind in ("query", "inference")
-    }
-    return {
-        "world": config.name,
-        "num_trials": config.num_trials,
-        "num_queries": config.num_queries,
-        "preset": config.preset,
-        "seed": config.seed,
-        "strategies": {
-            name: {
-                "mean_policy_loss": each.mean(axis=0).tolist(),
-                "normalized_policy_loss": normalized(each).tolist(),
-                "area_ratio": {
-                    other: {"value": ratio.value, "low": ratio.low, "high": ratio.high}
-                    for other, ratio in ratios[name].items()
-                },
-                "query_seconds": float(np.median(seconds["query"][name])),
-                "inference_seconds": float(np.median(seconds["inference"][name])),
-            }
-            for name, each in losses.items()
-        },
-    }
-
-
 def _tell(
     losses: Mapping[str, Array],
     ratios: Mapping[str, Mapping[str, Estimate]],
+    seconds: Mapping[str, Mapping[str, float]],
+    counts: Mapping[str, Mapping[str, Array]],
     config: StudyConfig,
-    rows: Sequence[Row],
 ) -> list[str]:
     published = published_curves()
     shown = [
@@ -161,18 +153,12 @@ def _tell(
         if others:
             told = ", ".join(f"{ratio} of {other}" for other, ratio in others.items())
             lines.append(f"- {name}: {told}")
-    counted = [name for name in ("distinct_pairs", "new_pairs") if name in rows[0]]
-    header = ["strategy", "query [ms]", "inference [s]", *counted]
+    header = ["strategy", "query [ms]", "inference [s]", *counts]
     lines += ["", f"| {' | '.join(header)} |", "|---" * len(header) + "|"]
     for name in losses:
-        query, inference = (
-            float(np.median(losses_of(rows, config, f"{kind}_seconds")[name]))
-            for kind in ("query", "inference")
-        )
-        cells = [name, f"{1e3 * query:.1f}", f"{inference:.3f}"]
-        cells += [
-            f"{losses_of(rows, config, each)[name].mean():.2f}" for each in counted
-        ]
+        cells = [name, f"{1e3 * seconds['query_seconds'][name]:.1f}"]
+        cells += [f"{seconds['inference_seconds'][name]:.3f}"]
+        cells += [f"{counted[name].mean():.2f}" for counted in counts.values()]
         lines.append(f"| {' | '.join(cells)} |")
     return lines
 

@@ -9,7 +9,7 @@ from gridworld_bench.experiments.results import FIGURE, losses_of
 from gridworld_bench.experiments.study import Study
 from tablesetting.curves import Curve, CurveKey, Share
 from tablesetting.plotting import plot_strategies
-from tablesetting.results import SUMMARY, Row
+from tablesetting.results import Row
 
 _KINDS = {
     "normalized": "1 - V / V*, the paper's",
@@ -54,18 +54,7 @@ def tell_stops(study: Study, rows: Sequence[Row]) -> list[str]:
                 "mean_queries": float(at.mean()) if len(at) else None,
                 "num_right": right.count,
             }
-    study.folder.write_json(
-        SUMMARY,
-        {
-            "world": config.name,
-            "num_trials": config.num_trials,
-            "num_queries": config.num_queries,
-            "preset": config.preset,
-            "seed": config.seed,
-            "epsilon": config.epsilon,
-            "strategies": found,
-        },
-    )
+    study.write_summary(found, epsilon=config.epsilon)
     _draw(study, rows)
     return lines
 

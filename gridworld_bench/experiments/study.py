@@ -15,6 +15,7 @@ from tablesetting.opening import open_folder
 from tablesetting.results import (
     CONFIG_FORMAT,
     ROUNDS,
+    SUMMARY,
     RunFolder,
     package_versions,
     read_rows,
@@ -76,6 +77,19 @@ class Study:
             self.folder.append_rows(rows)
             self.rows[trial] = rows
             yield trial
+
+    def write_summary(self, strategies: Mapping[Any, Any], **settings: object) -> None:
+        """Write what was found of each strategy, with the settings that it depends on."""
+        names = ("num_trials", "num_queries", "preset", "seed")
+        self.folder.write_json(
+            SUMMARY,
+            {
+                "world": self.config.name,
+                **{name: getattr(self.config, name) for name in names},
+                **settings,
+                "strategies": strategies,
+            },
+        )
 
     def _read(self) -> None:
         """Read the trials that are all there; what a kill cut short is removed."""

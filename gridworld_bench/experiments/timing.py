@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from gridworld_bench.experiments.config import TimingConfig
 from gridworld_bench.experiments.results import FIGURE, losses_of
 from gridworld_bench.experiments.study import Study
-from tablesetting.results import SUMMARY, Row
+from tablesetting.results import Row
 
 _PUBLISHED = {"active-var": 0.0101, "random": 0.0015, "arc": 865.6993}
 """Seconds, by the table beside Figure 3 of the paper."""
@@ -47,18 +47,7 @@ def tell_seconds(study: Study, rows: Sequence[Row]) -> list[str]:
             "inference_seconds": inference,
             "mean_agreement": float(alike.mean()) if told else None,
         }
-    study.folder.write_json(
-        SUMMARY,
-        {
-            "world": config.name,
-            "num_trials": config.num_trials,
-            "num_queries": config.num_queries,
-            "preset": config.preset,
-            "seed": config.seed,
-            "num_samples": config.num_samples,
-            "strategies": found,
-        },
-    )
+    study.write_summary(found, num_samples=config.num_samples)
     _draw(study, {name: each["query_seconds"] or 0.0 for name, each in found.items()})
     return lines
 
