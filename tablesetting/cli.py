@@ -28,7 +28,6 @@ from tablesetting.experiments.config import (
     ReplayConfig,
     RunConfig,
     ValidateConfig,
-    changed_options,
 )
 from tablesetting.experiments.study_config import (
     STUDIES,
@@ -38,6 +37,7 @@ from tablesetting.experiments.study_config import (
     StudyConfig,
     TrialsConfig,
 )
+from tablesetting.options import changed_options
 
 # Nothing is rendered in this process, and without a display the default would warn.
 os.environ.setdefault("MUJOCO_GL", "disable")

@@ -7,6 +7,8 @@ from typing import Annotated, ClassVar, Literal
 
 from tyro.conf import arg
 
+from tablesetting.options import refuse_above, refuse_bad_resume, refuse_below
+
 ActionStrategy = Literal[
     "active-var", "random", "active-sampling", "cvar", "information-gain", "max-regret"
 ]
@@ -76,21 +78,14 @@ class StudyConfig:
     """Who asks."""
 
     def __post_init__(self) -> None:
-        for name, bound in _LEAST.items():
-            if (value := getattr(self, name, None)) is not None and value < bound:
-                option = name.replace("_", "-")
-                raise ValueError(f"--{option} must be at least {bound}; got {value}")
-        for name, bound in _MOST.items():
-            if (value := getattr(self, name, None)) is not None and value > bound:
-                option = name.replace("_", "-")
-                raise ValueError(f"--{option} must be at most {bound}; got {value}")
+        refuse_below(self, **_LEAST)
+        refuse_above(self, **_MOST)
         for name in ("level", "epsilon"):
             if not 0.0 < getattr(self, name, 1.0) < math.inf:
                 raise ValueError(
                     f"--{name} must be positive; got {getattr(self, name)}"
                 )
-        if self.resume and (self.out is None or self.overwrite):
-            raise ValueError("--resume goes with --out, and not with --overwrite")
+        refuse_bad_resume(self)
         if len(set(self.strategies)) < max(len(self.strategies), 1):
             given = " ".join(self.strategies) or "none"
             raise ValueError(

@@ -3,7 +3,6 @@
 import contextlib
 import math
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from gridworld_bench.experiments.config import StudyConfig
 from gridworld_bench.experiments.trials import Trial, all_trials, run_trial
 from tablesetting.errors import InvalidFile
 from tablesetting.opening import open_folder
+from tablesetting.options import to_options
 from tablesetting.results import (
     CONFIG_FORMAT,
     ROUNDS,
@@ -120,15 +120,10 @@ class Study:
 
 def settings(config: StudyConfig) -> dict[str, Any]:
     """Return the content of config.json, as it will be read back."""
-    options = {
-        name: list(value) if isinstance(value, tuple) else value
-        for name, value in asdict(config).items()
-        if name not in _OF_ONE_CALL
-    }
     return {
         "format": CONFIG_FORMAT,
         "command": config.name,
-        "options": options,
+        "options": to_options(config, _OF_ONE_CALL),
         "resolved": {},
         "versions": package_versions(),
     }

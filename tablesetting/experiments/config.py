@@ -1,11 +1,19 @@
 """What a run can be told; light to import, so that the command line answers at once."""
 
 import math
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
+
+from tablesetting.options import (
+    changed_options,
+    refuse_above,
+    refuse_bad_resume,
+    refuse_below,
+    refuse_changed,
+)
 
 TaskName = Literal["vase", "spoon"]
 StrategyName = Literal[
@@ -26,13 +34,14 @@ LikelihoodName = Literal["boltzmann", "placement", "auto"]
 TeacherName = Literal["exact", "boltzmann", "noisy", "blundering", "biased", "offset"]
 PresetName = Literal["default", "paper"]
 
-_MOST = {
+MOST = {
     "num_trials": 1_000_000,
     "num_queries": 10_000,
     "num_candidates": 1_000_000,
     "num_layouts": 1_000_000,
     "jobs": 1_000,
 }
+"""Larger numbers are slips, and would fill the memory."""
 
 
 def by_preset(default: str, paper: str) -> Any:
@@ -40,55 +49,10 @@ def by_preset(default: str, paper: str) -> Any:
     return arg(help_behavior_hint=f"(default: {default}; paper preset: {paper})")
 
 
-def refuse_below(config: object, **least: int) -> None:
-    """Refuse options that are below the least that has a meaning."""
-    for name, bound in least.items():
-        value = getattr(config, name, None)
-        if value is not None and value < bound:
-            option = name.replace("_", "-")
-            raise ValueError(f"--{option} must be at least {bound}; got {value}")
-
-
-def refuse_above(config: object) -> None:
-    """Refuse numbers so large that they would fill the memory, as slips are."""
-    for name, bound in _MOST.items():
-        value = getattr(config, name, None)
-        if value is not None and value > bound:
-            option = name.replace("_", "-")
-            raise ValueError(f"--{option} must be at most {bound}; got {value}")
-
-
-def changed_options(config: Any, unset: Any) -> list[str]:
-    """Name the options in which two configs differ, those of their groups, too."""
-    names = list[str]()
-    for name in (each.name for each in fields(config)):
-        value, other = getattr(config, name), getattr(unset, name)
-        if is_dataclass(value):
-            names += changed_options(value, other)
-        elif value != other:
-            names.append(f"--{name.replace('_', '-')}")
-    return sorted(names)
-
-
-def refuse_changed(config: object, names: tuple[str, ...], where: str) -> None:
-    """Refuse options that are not what they are unless told, and would do nothing."""
-    defaults = {each.name: each.default for each in fields(config)}  # type: ignore[arg-type]
-    for name in names:
-        if getattr(config, name) != defaults[name]:
-            option = name.replace("_", "-")
-            raise ValueError(f"--{option} has no effect {where}")
-
-
 def _refuse_number_of_given(config: Any) -> None:
     """Refuse to say how many layouts are drawn where they are given."""
     if config.layouts not in (None, "valid", "uniform"):
         refuse_changed(config, ("num_layouts",), f"with --layouts {config.layouts}")
-
-
-def refuse_bad_resume(config: Any) -> None:
-    """Refuse to go on in a folder that is not named, or is to be replaced."""
-    if config.resume and (config.out is None or config.overwrite):
-        raise ValueError("--resume goes with --out, and not with --overwrite")
 
 
 @dataclass(frozen=True)
@@ -301,7 +265,7 @@ class RunConfig:
         refuse_below(
             self, num_queries=0, num_candidates=1, num_layouts=1, execute=0, seed=0
         )
-        refuse_above(self)
+        refuse_above(self, **MOST)
         if self.epsilon is not None and not 0.0 <= self.epsilon < math.inf:
             raise ValueError(f"--epsilon must be 0 or more; got {self.epsilon}")
         refuse_without_effect(self.preset, self.learning)
@@ -378,7 +342,7 @@ class LearnConfig:
 
     def __post_init__(self) -> None:
         refuse_below(self, num_candidates=1, num_layouts=1, seed=0)
-        refuse_above(self)
+        refuse_above(self, **MOST)
         if not 0.0 <= self.epsilon < math.inf:
             raise ValueError(f"--epsilon must be 0 or more; got {self.epsilon}")
         if not 0.0 < self.delta < 1.0:
@@ -437,7 +401,7 @@ class ValidateConfig:
                 f"give one or two files of weights; got {len(self.weights)}"
             )
         refuse_below(self, num_layouts=1, execute=0, jobs=1, seed=0)
-        refuse_above(self)
+        refuse_above(self, **MOST)
         _refuse_number_of_given(self)
         refuse_bad_resume(self)
         if self.execute and self.layouts == "uniform":

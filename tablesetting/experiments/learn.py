@@ -13,11 +13,11 @@ from tablesetting.experiments.config import LearnConfig
 from tablesetting.experiments.learn_files import NEXT_LAYOUT, LearnFiles
 from tablesetting.experiments.learn_setup import LearnSetup, given_files, parse_place
 from tablesetting.experiments.learning import LearningRound
-from tablesetting.experiments.options import from_options, to_options
 from tablesetting.irl.active import learn_from
 from tablesetting.irl.arrays import Array
 from tablesetting.irl.strategies import STRATEGIES
 from tablesetting.opening import first_difference, hash_file, open_folder
+from tablesetting.options import from_options, to_options
 from tablesetting.results import (
     CERTIFICATE,
     CONFIG,

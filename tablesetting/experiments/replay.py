@@ -15,8 +15,8 @@ from tablesetting.experiments.episodes import (
     list_episodes,
     read_episode,
 )
-from tablesetting.experiments.options import from_options
 from tablesetting.experiments.setup import arm_rng
+from tablesetting.options import from_options
 from tablesetting.results import CONFIG, CONFIG_FORMAT, package_versions, read_json
 from tablesetting.reward.tasks import TASKS
 from tablesetting.scene.scene import Snapshot

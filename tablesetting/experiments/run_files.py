@@ -13,12 +13,12 @@ from tablesetting.experiments.arm import Attempt
 from tablesetting.experiments.audit import audit_rows
 from tablesetting.experiments.certificate import certificate_to_json
 from tablesetting.experiments.config import RunConfig
-from tablesetting.experiments.options import to_options
 from tablesetting.experiments.posterior_files import save_posterior
 from tablesetting.experiments.rounds import RunRound, round_row
 from tablesetting.experiments.setup import RunSetup
 from tablesetting.irl.arrays import Array
 from tablesetting.irl.netcdf import save_netcdf
+from tablesetting.options import to_options
 from tablesetting.plotting import plot_learning, plot_query
 from tablesetting.results import (
     CERTIFICATE,

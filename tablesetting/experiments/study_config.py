@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal, cast, get_args
 from tyro.conf import OmitArgPrefixes, arg
 
 from tablesetting.experiments.config import (
+    MOST,
     ArmConfig,
     LearningConfig,
     PresetName,
@@ -18,11 +19,9 @@ from tablesetting.experiments.config import (
     TaskName,
     TeacherName,
     by_preset,
-    refuse_above,
-    refuse_bad_resume,
-    refuse_below,
     refuse_without_effect,
 )
+from tablesetting.options import refuse_above, refuse_bad_resume, refuse_below
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ class TrialsConfig(ABC):
             jobs=1,
             seed=0,
         )
-        refuse_above(self)
+        refuse_above(self, **MOST)
         for name in ("tasks", self.listed):
             values = getattr(self, name)
             if not values or len(set(values)) < len(values):

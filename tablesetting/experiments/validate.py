@@ -1,7 +1,6 @@
 """Validate learned weights on test layouts, some of them carried out by the arm."""
 
-import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -9,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from tablesetting.errors import InvalidFile, InvalidLayout
-from tablesetting.experiments.config import ValidateConfig, refuse_changed
+from tablesetting.experiments.config import ValidateConfig
 from tablesetting.experiments.validation import placements_of
 from tablesetting.irl.arrays import Array
 from tablesetting.opening import hash_file
+from tablesetting.options import refuse_changed, to_options
 from tablesetting.results import CONFIG_FORMAT, format_of, package_versions
 from tablesetting.reward.files import (
     WEIGHTS_FORMAT,
@@ -89,24 +89,19 @@ class Validation:
 
     def settings(self) -> dict[str, Any]:
         """Return the content of config.json, as it will be read back."""
-        options = asdict(self.config)
-        options |= options.pop("arm")
-        for name in _OF_ONE_CALL:
-            del options[name]
         files = [*self.config.weights]
         files += [
             Path(named)
             for named in (self.config.against, self.config.layouts)
             if named not in (None, "truth", "valid", "uniform")
         ]
-        content = {
+        return {
             "format": CONFIG_FORMAT,
             "command": "validate",
-            "options": options,
+            "options": to_options(self.config, _OF_ONE_CALL),
             "resolved": {"sha256": {str(path): hash_file(path) for path in files}},
             "versions": package_versions(),
         }
-        return dict(json.loads(json.dumps(content, default=str)))
 
 
 def _test(config: ValidateConfig, task: PlacementTask) -> tuple[Array, Array, str]:

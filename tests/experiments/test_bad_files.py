@@ -10,7 +10,7 @@ from tablesetting import cli
 from tablesetting.errors import InvalidFile, TableSettingError
 from tablesetting.experiments.config import LearnConfig
 from tablesetting.experiments.learn import read_settings
-from tablesetting.experiments.options import to_options
+from tablesetting.options import to_options
 from tablesetting.results import CONFIG, CONFIG_FORMAT, package_versions
 from tablesetting.reward.files import (
     demonstrations_to_json,

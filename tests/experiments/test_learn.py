@@ -11,7 +11,7 @@ from tablesetting import cli
 from tablesetting.experiments import learn, learn_files
 from tablesetting.experiments.config import LearnConfig, ModelConfig
 from tablesetting.experiments.listing import list_runs
-from tablesetting.experiments.options import from_options, to_options
+from tablesetting.options import from_options, to_options
 from tablesetting.recording.story import tell
 from tablesetting.reward.files import (
     LAYOUTS_FORMAT,

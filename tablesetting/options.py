@@ -1,4 +1,4 @@
-"""The options of a command, as config.json keeps them."""
+"""The options of a command: what they may be, and how config.json keeps them."""
 
 import json
 import types
@@ -10,6 +10,51 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 ConfigT = TypeVar("ConfigT")
 
 _MAX_NUMBER = 1e300  # A larger whole number could not even become a float.
+
+
+def refuse_below(config: object, **least: int) -> None:
+    """Refuse options that are below the least that has a meaning."""
+    for name, bound in least.items():
+        value = getattr(config, name, None)
+        if value is not None and value < bound:
+            option = name.replace("_", "-")
+            raise ValueError(f"--{option} must be at least {bound}; got {value}")
+
+
+def refuse_above(config: object, **most: int) -> None:
+    """Refuse options that are so large that they must be slips."""
+    for name, bound in most.items():
+        value = getattr(config, name, None)
+        if value is not None and value > bound:
+            option = name.replace("_", "-")
+            raise ValueError(f"--{option} must be at most {bound}; got {value}")
+
+
+def changed_options(config: Any, unset: Any) -> list[str]:
+    """Name the options in which two configs differ, those of their groups, too."""
+    names = list[str]()
+    for name in (each.name for each in fields(config)):
+        value, other = getattr(config, name), getattr(unset, name)
+        if is_dataclass(value):
+            names += changed_options(value, other)
+        elif value != other:
+            names.append(f"--{name.replace('_', '-')}")
+    return sorted(names)
+
+
+def refuse_changed(config: object, names: tuple[str, ...], where: str) -> None:
+    """Refuse options that are not what they are unless told, and would do nothing."""
+    defaults = {each.name: each.default for each in fields(config)}  # type: ignore[arg-type]
+    for name in names:
+        if getattr(config, name) != defaults[name]:
+            option = name.replace("_", "-")
+            raise ValueError(f"--{option} has no effect {where}")
+
+
+def refuse_bad_resume(config: Any) -> None:
+    """Refuse to go on in a folder that is not named, or is to be replaced."""
+    if config.resume and (config.out is None or config.overwrite):
+        raise ValueError("--resume goes with --out, and not with --overwrite")
 
 
 def to_options(config: Any, of_one_call: tuple[str, ...]) -> dict[str, Any]:
