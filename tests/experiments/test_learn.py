@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import quick_cli
+import refusals
 from folder_content import read_folder
 
 from tablesetting import cli
@@ -278,15 +279,7 @@ def interrupt(*_):
 
 
 def refusal(capsys, *argv):
-    try:
-        code = quick_cli.main(["learn", *map(str, argv)])
-    except SystemExit as stop:
-        code = stop.code
-    assert code == 2
-    error = capsys.readouterr().err
-    assert error.startswith("error: ")
-    assert error.count("\n") == 1
-    return error
+    return refusals.refusal(capsys, quick_cli.main, "learn", *argv)
 
 
 def test_what_cannot_be_learned_from_is_refused_in_one_line(

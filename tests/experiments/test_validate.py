@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import refusals
 from scipy.optimize import minimize, root
 
 from tablesetting import cli
@@ -186,15 +187,7 @@ def test_a_mean_is_as_exact_as_its_standard_error():
 
 
 def refusal(capsys, *argv, command="validate"):
-    try:
-        code = cli.main([command, *map(str, argv)])
-    except SystemExit as stop:
-        code = stop.code
-    assert code == 2
-    error = capsys.readouterr().err
-    assert error.startswith("error: ")
-    assert error.count("\n") == 1
-    return error
+    return refusals.refusal(capsys, cli.main, command, *argv)
 
 
 def test_what_cannot_be_validated_is_refused_in_one_line(tmp_path, weights, capsys):
