@@ -9,13 +9,12 @@ the discount, as a common shift changes no probability.
 A choice is, for each state, where the policy leads if that is certain, else its action.
 """
 
-from collections.abc import Callable
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from tablesetting.compiling import compiled
 from tablesetting.irl.arrays import Array
 
 Unsigned = npt.NDArray[np.uint32]
@@ -24,8 +23,6 @@ _ROUNDING = 1e-12  # Of an improvement, relative to the values.
 _MARGIN = 1e-9  # Of a log likelihood, before a proposal is given up.
 _SWEEPS = 8  # Between two looks at the bound,
 _MOST_LOOKS = 6  # before a policy is made of the values.
-
-FunctionT = TypeVar("FunctionT", bound=Callable[..., Any])
 
 
 class World(NamedTuple):
@@ -79,26 +76,7 @@ class Workspace(NamedTuple):
     places: Unsigned
 
 
-def _compiled(
-    inline: Literal["never", "always"] = "never", *fastmath: str
-) -> Callable[[FunctionT], FunctionT]:
-    """Let numba compile a function, and keep the machine code where that can be."""
-
-    def compile_function(function: FunctionT) -> Any:
-        options: Any = {
-            "error_model": "numpy",
-            "inline": inline,
-            "fastmath": set(fastmath),
-        }
-        try:
-            return njit(cache=True, **options)(function)
-        except RuntimeError:  # Neither this folder nor the user's own can be written.
-            return njit(**options)(function)
-
-    return compile_function
-
-
-@_compiled()
+@compiled(error_model="numpy")
 def _evaluate_graph(
     choice: Unsigned,
     continuations: Array,
@@ -144,7 +122,7 @@ def _evaluate_graph(
             mark[here] = 1
 
 
-@_compiled()
+@compiled(error_model="numpy")
 def _improve_graph(
     nexts: Unsigned, continuations: Array, choice: Unsigned, values: Array, best: Array
 ) -> float:
@@ -168,7 +146,7 @@ def _improve_graph(
     return largest
 
 
-@_compiled("always")
+@compiled(error_model="numpy", inline="always")
 def _expected(
     nexts: Unsigned,
     successors: npt.NDArray[np.intp],
@@ -188,7 +166,7 @@ def _expected(
     return total
 
 
-@_compiled()
+@compiled(error_model="numpy")
 def _evaluate_chances(
     world: World, rewards: Array, choice: Unsigned, values: Array
 ) -> None:
@@ -203,7 +181,7 @@ def _evaluate_chances(
     values[:] = np.linalg.solve(system, rewards)
 
 
-@_compiled()
+@compiled(error_model="numpy")
 def _improve_chances(world: World, choice: Unsigned, values: Array) -> float:
     """Improve any policy; return the largest gain, 0 if there is none."""
     nexts, successors = world.nexts, world.successors
@@ -224,7 +202,7 @@ def _improve_chances(world: World, choice: Unsigned, values: Array) -> float:
     return largest
 
 
-@_compiled()
+@compiled(error_model="numpy")
 def _log_likelihood(world: World, values: Array, pairs: Pairs, beta: float) -> float:
     """Evaluate the log likelihood of the pairs, given optimal values."""
     if world.successors.shape[1] == 1:
@@ -252,7 +230,7 @@ def _log_likelihood(world: World, values: Array, pairs: Pairs, beta: float) -> f
     return total
 
 
-@_compiled()
+@compiled(error_model="numpy")
 def _bound_log_likelihood(
     world: World, values: Array, pairs: Pairs, beta: float, slack: float
 ) -> float:
@@ -292,7 +270,7 @@ def _bound_log_likelihood(
     return total
 
 
-@_compiled("always")
+@compiled(error_model="numpy", inline="always")
 def _frame(values: Array, num_rows: np.uint64, width: np.uint64) -> None:
     """Repeat the border of a grid around it, as a step off the grid stays in place."""
     one = np.uint64(1)
@@ -305,7 +283,7 @@ def _frame(values: Array, num_rows: np.uint64, width: np.uint64) -> None:
         values[last + width + column] = values[last + column]
 
 
-@_compiled("never", "nnan", "nsz")
+@compiled("nnan", "nsz", error_model="numpy")
 def _sweep(
     old: Array,
     new: Array,
@@ -326,7 +304,7 @@ def _sweep(
     _frame(new, num_rows, width)
 
 
-@_compiled()
+@compiled(error_model="numpy")
 def _is_hopeless(
     world: World,
     rewards: Array,
@@ -372,7 +350,7 @@ def _is_hopeless(
     return False
 
 
-@_compiled()
+@compiled(error_model="numpy")
 def _weigh(
     world: World,
     largest_discount: float,
@@ -413,7 +391,7 @@ def _weigh(
             return _log_likelihood(world, values, pairs, beta)
 
 
-@_compiled()
+@compiled(error_model="numpy")
 def _workspace(world: World) -> Workspace:
     num_states = len(world.continuations)
     num_rows, num_columns = world.num_rows, world.num_columns
@@ -432,7 +410,7 @@ def _workspace(world: World) -> Workspace:
     )
 
 
-@_compiled()
+@compiled(error_model="numpy")
 def _first_choice(world: World) -> Unsigned:
     """Return the choice of the first action everywhere."""
     if len(world.nexts):
@@ -440,7 +418,7 @@ def _first_choice(world: World) -> Unsigned:
     return np.zeros(len(world.continuations), dtype=np.uint32)
 
 
-@_compiled()
+@compiled(error_model="numpy")
 def weigh_all(
     world: World, all_rewards: Array, pairs: Pairs, beta: float
 ) -> tuple[Array, Array]:
@@ -462,7 +440,7 @@ def weigh_all(
     return log_likelihoods, all_values
 
 
-@_compiled()
+@compiled(error_model="numpy")
 def walk_coordinates(
     world: World,
     columns: Array,
@@ -537,7 +515,7 @@ def walk_coordinates(
     return kept, kept_values, kept_logs, best, best_log, num_accepted
 
 
-@_compiled()
+@compiled(error_model="numpy")
 def walk_sphere(
     world: World,
     columns: Array,

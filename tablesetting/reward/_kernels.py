@@ -5,12 +5,11 @@ compiles. All kernels share this one module, as a cached kernel does not notice 
 to one that it calls in another. The tests hold each against plain code.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from tablesetting.compiling import compiled
 from tablesetting.irl.arrays import Array
 
 # Sums and maxima in any order, which lets them run in SIMD lanes; the compiler fixes it.
@@ -30,22 +29,8 @@ _ROUNDING = 1e-15  # Of a reward.
 _MAX_STEP = 0.1  # [table units]
 _NUM_TABLE_CENTERS = 9
 
-FunctionT = TypeVar("FunctionT", bound=Callable[..., Any])
 
-
-def _compiled(*fastmath: str) -> Callable[[FunctionT], FunctionT]:
-    """Let numba compile a function, and keep the machine code where that can be."""
-
-    def compile_function(function: FunctionT) -> Any:
-        try:
-            return njit(cache=True, fastmath=set(fastmath))(function)
-        except RuntimeError:  # Neither this folder nor the user's own can be written.
-            return njit(fastmath=set(fastmath))(function)
-
-    return compile_function
-
-
-@_compiled("contract")  # In any order, the rounding would cancel.
+@compiled("contract")  # In any order, the rounding would cancel.
 def exp_of_negative(x: float) -> float:
     """Evaluate exp(x) for x <= 0 to 1e-14; in loops, unlike math.exp, in SIMD lanes.
 
@@ -92,7 +77,7 @@ class ChoiceFeatures(NamedTuple):
     objects: Array
 
 
-@_compiled(*_ANY_ORDER)
+@compiled(*_ANY_ORDER)
 def _log_likelihood(
     state: Array, features: ChoiceFeatures, on_table: Array, exponents: Array
 ) -> float:
@@ -128,7 +113,7 @@ def _log_likelihood(
     return total
 
 
-@_compiled()
+@compiled()
 def log_likelihoods(states: Array, features: ChoiceFeatures) -> Array:
     """Evaluate the log likelihoods of states, shape (C, D + E), as shape (C,)."""
     num_nodes = features.table.shape[1]
@@ -139,14 +124,14 @@ def log_likelihoods(states: Array, features: ChoiceFeatures) -> Array:
     return values
 
 
-@_compiled()
+@compiled()
 def log_normal(logarithm: float, median: float, spread: float) -> float:
     """Evaluate what `irl.sampler.LogNormal.log_density` does."""
     surprise = (logarithm - np.log(median)) / spread
     return -0.5 * surprise**2 if abs(surprise) <= 2.0 else -np.inf
 
 
-@_compiled()
+@compiled()
 def walk(
     start: Array,
     start_log_likelihoods: Array,
@@ -192,7 +177,7 @@ def walk(
     return states, log_likelihoods, log_ratios
 
 
-@_compiled(*_ANY_ORDER)
+@compiled(*_ANY_ORDER)
 def _derivatives(
     x: float, y: float, weights: Array, centers: Array, sharpness: Array
 ) -> tuple[float, float, float, float, float, float]:
@@ -213,7 +198,7 @@ def _derivatives(
     return reward, slope_x, slope_y, isotropic + bend_x, isotropic + bend_y, cross
 
 
-@_compiled()
+@compiled()
 def _newton_step(
     x: float,
     y: float,
@@ -243,7 +228,7 @@ def _newton_step(
     return step_x, step_y
 
 
-@_compiled()
+@compiled()
 def _climb(
     x: float,
     y: float,
@@ -287,7 +272,7 @@ def _climb(
     return x, y, here[0]
 
 
-@_compiled()
+@compiled()
 def climb(
     starts: Array, weights: Array, centers: Array, sharpness: Array, max_step: float
 ) -> tuple[Array, Array]:
@@ -300,7 +285,7 @@ def climb(
     return points, rewards
 
 
-@_compiled()
+@compiled()
 def _climb_seeing_inland(
     x: float,
     y: float,
@@ -339,7 +324,7 @@ def _climb_seeing_inland(
     return best
 
 
-@_compiled(*_ANY_ORDER)
+@compiled(*_ANY_ORDER)
 def _fill_grid(
     values: Array, on_table: Array, weights: Array, objects: Array, peaks: Array
 ) -> float:
@@ -364,7 +349,7 @@ def _fill_grid(
     return highest
 
 
-@_compiled()
+@compiled()
 def _grid_features(
     features: Array, centers: Array, sharpness: Array, ticks: Array
 ) -> None:
@@ -382,7 +367,7 @@ def _grid_features(
                 features[k, row * size + column] = across * along[column]
 
 
-@_compiled()
+@compiled()
 def _is_grid_maximum(values: Array, row: int, column: int, size: int) -> bool:
     """Tell whether no neighbour of a point of the grid is higher."""
     index = row * size + column
@@ -396,7 +381,7 @@ def _is_grid_maximum(values: Array, row: int, column: int, size: int) -> bool:
     return row == size - 1 or values[index + size] <= value
 
 
-@_compiled()
+@compiled()
 def _best_in_layout(
     weights: Array,
     centers: Array,
@@ -429,7 +414,7 @@ def _best_in_layout(
     return best_x, best_y
 
 
-@_compiled()
+@compiled()
 def best_on_square(
     weights: Array,
     centers: Array,
@@ -526,7 +511,7 @@ LOCAL, ISOTROPIC = -1, -2
 _FLATTEST = 0.02  # Added to the curvature at an optimum, which may vanish.
 
 
-@_compiled(*_ANY_ORDER)
+@compiled(*_ANY_ORDER)
 def _fill_table(on_table: Array, weights: Array, table: Array) -> None:
     """Add up what the table's RBFs give on the grid, shape (G,)."""
     num_objects = len(weights) - len(table)
@@ -537,7 +522,7 @@ def _fill_table(on_table: Array, weights: Array, table: Array) -> None:
             on_table[g] += weight * table[i, g]
 
 
-@_compiled()
+@compiled()
 def _squared_error(
     weights: Array,
     features: AnswerFeatures,
@@ -576,7 +561,7 @@ def _squared_error(
     return total
 
 
-@_compiled()
+@compiled()
 def answer_log_likelihoods(states: Array, features: AnswerFeatures) -> Array:
     """Evaluate the log likelihoods of states, shape (C, D + E), as shape (C,)."""
     dim = len(features.sharpness)
@@ -594,7 +579,7 @@ def answer_log_likelihoods(states: Array, features: AnswerFeatures) -> Array:
     return found
 
 
-@_compiled(*_ANY_ORDER)
+@compiled(*_ANY_ORDER)
 def _gradient_features(
     x: float, y: float, centers: Array, sharpness: Array, along: Array, across: Array
 ) -> None:
@@ -607,7 +592,7 @@ def _gradient_features(
         across[i] = scaled * dy
 
 
-@_compiled()
+@compiled()
 def _metric(
     metric: Array,
     drift: Array,
@@ -664,7 +649,7 @@ def _metric(
     return log_determinant
 
 
-@_compiled()
+@compiled()
 def _factorize(matrix: Array) -> float:
     """Replace a positive definite matrix by its lower Cholesky factor; return log |A|."""
     log_determinant = 0.0
@@ -681,7 +666,7 @@ def _factorize(matrix: Array) -> float:
     return log_determinant
 
 
-@_compiled()
+@compiled()
 def _solve(factor: Array, vector: Array) -> None:
     """Solve L L^T x = vector in place."""
     for i in range(len(vector)):
@@ -691,7 +676,7 @@ def _solve(factor: Array, vector: Array) -> None:
     _solve_transposed(factor, vector, vector)
 
 
-@_compiled()
+@compiled()
 def _solve_transposed(factor: Array, noise: Array, steps: Array) -> None:
     """Solve L^T steps = noise."""
     dim = len(noise)
@@ -702,7 +687,7 @@ def _solve_transposed(factor: Array, noise: Array, steps: Array) -> None:
         steps[i] = total / factor[i, i]
 
 
-@_compiled()
+@compiled()
 def _squared_length(factor: Array, steps: Array) -> float:
     """Return |L^T steps|^2."""
     total = 0.0
@@ -714,7 +699,7 @@ def _squared_length(factor: Array, steps: Array) -> float:
     return total
 
 
-@_compiled()
+@compiled()
 def _answer_log_likelihood(
     error: float, log_std: float, features: AnswerFeatures
 ) -> float:
@@ -724,7 +709,7 @@ def _answer_log_likelihood(
     return likelihood + features.log_constant
 
 
-@_compiled()
+@compiled()
 def walk_locally(
     start: Array,
     proposals: LocalProposals,
