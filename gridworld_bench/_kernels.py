@@ -21,7 +21,7 @@ Unsigned = npt.NDArray[np.uint32]
 
 _ROUNDING = 1e-12  # Of an improvement, relative to the values.
 _MARGIN = 1e-9  # Of a log likelihood, before a proposal is given up.
-_SWEEPS = 8  # Between two looks at the bound,
+_SWEEPS = 8
 _MOST_LOOKS = 6  # before a policy is made of the values.
 
 
@@ -441,6 +441,48 @@ def weigh_all(
 
 
 @compiled(error_model="numpy")
+def _expect_features(
+    choice: Unsigned,
+    continuations: Array,
+    features: Array,
+    expectations: Array,
+    order: Unsigned,
+    mark: Unsigned,
+) -> None:
+    """Value a policy as `_evaluate_graph` does, for all features, (S, D), at once."""
+    num_states, dim = features.shape
+    for s in range(num_states):
+        mark[s] = 0
+    for first in range(num_states):
+        if mark[first] != 0:
+            continue
+        length, state = 0, np.uint32(first)
+        while mark[state] == 0:
+            mark[state] = length + 2
+            order[length] = state
+            length += 1
+            state = choice[state]
+        if mark[state] >= 2:
+            total, factor = expectations[state], 1.0
+            total[:] = 0.0
+            for k in range(mark[state] - 2, length):
+                here = order[k]
+                for i in range(dim):
+                    total[i] += factor * features[here, i]
+                factor *= continuations[here]
+            for i in range(dim):
+                total[i] /= 1.0 - factor
+            mark[state] = 1
+        for k in range(length - 1, -1, -1):
+            here = order[k]
+            if mark[here] != 1:
+                there, discount = expectations[choice[here]], continuations[here]
+                for i in range(dim):
+                    expectations[here, i] = features[here, i] + discount * there[i]
+                mark[here] = 1
+
+
+@compiled(error_model="numpy")
 def walk_coordinates(
     world: World,
     columns: Array,
@@ -467,6 +509,15 @@ def walk_coordinates(
     choice, values = _first_choice(world), np.empty(num_states)
     here = _weigh(world, largest, rewards, pairs, beta, -np.inf, choice, values, work)
     best, best_log, num_accepted = weights.copy(), here, 0
+    # What the policy expects of each feature, as its values are a good start.
+    features = np.ascontiguousarray(columns.T)
+    expectations = np.zeros_like(features)
+    is_certain = len(world.nexts) > 0
+    if is_certain:
+        _expect_features(
+            choice, world.continuations, features, expectations, work.order, work.mark
+        )
+    changes = np.zeros(coordinates.shape[1])
     proposal, new_rewards = np.empty_like(weights), np.empty_like(rewards)
     new_choice, new_values = choice.copy(), np.empty(num_states)
     for k in range(len(steps)):
@@ -479,14 +530,18 @@ def walk_coordinates(
             change = moved - proposal[i]
             norm += abs(moved) - abs(proposal[i])
             proposal[i] = moved
+            changes[j] = change
             for s in range(num_states):
                 new_rewards[s] += change * columns[i, s]
         if norm > 1e-9:
             inverse = 1.0 / norm
             for s in range(num_states):
                 new_rewards[s] *= inverse
+                value = values[s]
+                for j in range(len(changes)):
+                    value += changes[j] * expectations[s, coordinates[k, j]]
+                new_values[s] = value * inverse
             new_choice[:] = choice
-            new_values[:] = values
             least = here + log_uniforms[k]
             there = _weigh(
                 world,
@@ -502,6 +557,15 @@ def walk_coordinates(
             if there > least:
                 weights[:] = proposal / np.abs(proposal).sum()
                 rewards[:] = weights @ columns  # Lest errors add up.
+                if is_certain and (choice != new_choice).any():
+                    _expect_features(
+                        new_choice,
+                        world.continuations,
+                        features,
+                        expectations,
+                        work.order,
+                        work.mark,
+                    )
                 choice[:] = new_choice
                 values[:] = new_values
                 here = there

@@ -80,10 +80,11 @@ class StudyConfig:
     def __post_init__(self) -> None:
         refuse_below(self, **_LEAST)
         refuse_above(self, **_MOST)
-        for name in ("level", "epsilon"):
+        for name in ("level", "epsilon", "loss_epsilon"):
             if not 0.0 < getattr(self, name, 1.0) < math.inf:
+                option = name.replace("_", "-")
                 raise ValueError(
-                    f"--{name} must be positive; got {getattr(self, name)}"
+                    f"--{option} must be positive; got {getattr(self, name)}"
                 )
         refuse_bad_resume(self)
         if len(set(self.strategies)) < max(len(self.strategies), 1):
@@ -195,7 +196,7 @@ class ExampleConfig(StudyConfig):
 
 @dataclass(frozen=True)
 class NormalisedStopConfig(StudyConfig):
-    """Stop once the normalised value at risk is small: appendix B of the paper."""
+    """Stop once the value at risk, normalised or not, is small: appendix B of the paper."""
 
     num_trials: int = 50
     """Worlds, in each of which every strategy learns."""
@@ -205,6 +206,8 @@ class NormalisedStopConfig(StudyConfig):
     """Who asks."""
     epsilon: float = 0.05
     """The normalised loss is wanted below this."""
+    loss_epsilon: float = 0.05
+    """The loss itself is wanted below this, in units of return."""
     size: int = 8
     """Cells on each side."""
     num_features: int = 48

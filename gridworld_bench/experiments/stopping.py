@@ -1,6 +1,7 @@
-"""When a normalised value at risk would stop the questions, and whether rightly."""
+"""When a value at risk would stop the questions, and whether rightly."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,9 +12,28 @@ from tablesetting.curves import Curve, CurveKey, Share
 from tablesetting.plotting import plot_strategies
 from tablesetting.results import Row
 
-_KINDS = {
-    "normalized": "1 - V / V*, the paper's",
-    "random_normalized": "(V* - V) / (V* - V of acting at random)",
+
+@dataclass(frozen=True)
+class _Stop:
+    """A measure of the loss: in words, and the columns of its bound and of its truth."""
+
+    words: str
+    bound: str
+    truth: str
+
+
+_STOPS = {
+    "normalized": _Stop(
+        "the optimal value: 1 - V / V*, the paper's",
+        "normalized_var",
+        "normalized_loss",
+    ),
+    "random_normalized": _Stop(
+        "what acting at random loses: (V* - V) / (V* - V of it)",
+        "random_normalized_var",
+        "random_normalized_loss",
+    ),
+    "loss": _Stop("nothing: V* - V", "var", "max_policy_loss"),
 }
 
 
@@ -22,31 +42,32 @@ def tell_stops(study: Study, rows: Sequence[Row]) -> list[str]:
     config = study.config
     assert isinstance(config, NormalisedStopConfig)
     lines = [
-        f"# {config.name}: epsilon {config.epsilon:g}, seed {config.seed}, preset "
-        f"{config.preset}, {config.num_trials} trials",
+        f"# {config.name}: seed {config.seed}, preset {config.preset}, "
+        f"{config.num_trials} trials",
         "",
-        "Questions stop once the largest normalised 0.95-VaR over the states is below "
-        "epsilon. Rightly: the true normalised loss is below epsilon then, in every "
-        "state, with a 95 % interval. The paper's normalisation asks for optimal values "
-        "that are positive in every sample; rounds without are left out.",
+        "Questions stop once the largest 0.95-VaR over the states is below epsilon. "
+        "Rightly: the true loss is below epsilon then, in every state, with a 95 % "
+        "interval. The paper's normalisation asks for optimal values that are positive "
+        "in every sample; rounds without are left out.",
         "",
-        "| strategy | normalised by | rounds with it | stopped within "
+        "| strategy | normalised by | epsilon | rounds with it | stopped within "
         f"{config.num_queries} queries | after | rightly |",
-        "|---|---|---|---|---|---|",
+        "|---|---|---|---|---|---|---|",
     ]
     found: dict[str, dict[str, object]] = {}
     for strategy in config.strategies:
         found[strategy] = {}
-        for kind, words in _KINDS.items():
-            var = losses_of(rows, config, f"{kind}_var")[strategy]
-            true = losses_of(rows, config, f"{kind}_loss")[strategy]
-            is_below = var < config.epsilon  # Not so where it is missing.
+        for kind, stop in _STOPS.items():
+            epsilon = config.loss_epsilon if kind == "loss" else config.epsilon
+            var = losses_of(rows, config, stop.bound)[strategy]
+            true = losses_of(rows, config, stop.truth)[strategy]
+            is_below = var < epsilon  # Not so where it is missing.
             stopped = np.flatnonzero(is_below.any(axis=1))
             at = is_below.argmax(axis=1)[stopped]
-            right = Share.of((true[stopped, at] < config.epsilon).tolist())
+            right = Share.of((true[stopped, at] < epsilon).tolist())
             after = f"{at.mean():.1f}" if len(at) else ""
             lines.append(
-                f"| {strategy} | {words} | {np.isfinite(var).mean():.0%} | "
+                f"| {strategy} | {stop.words} | {epsilon:g} | {np.isfinite(var).mean():.0%} | "
                 f"{len(stopped)} of {len(var)} | {after} | {right} |"
             )
             found[strategy][kind] = {
@@ -54,7 +75,7 @@ def tell_stops(study: Study, rows: Sequence[Row]) -> list[str]:
                 "mean_queries": float(at.mean()) if len(at) else None,
                 "num_right": right.count,
             }
-    study.write_summary(found, epsilon=config.epsilon)
+    study.write_summary(found, epsilon=config.epsilon, loss_epsilon=config.loss_epsilon)
     _draw(study, rows)
     return lines
 

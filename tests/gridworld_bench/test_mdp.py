@@ -3,6 +3,7 @@ import pytest
 from scipy.optimize import linprog
 from worlds import KINDS, random_weights, small_world
 
+from gridworld_bench import _kernels
 from gridworld_bench.gridworlds import barrier_world, example_world, make_grid
 from gridworld_bench.mdp import (
     Mdp,
@@ -151,3 +152,19 @@ def test_the_example_starts_in_white_and_wants_green():
     colors = mdp.features.argmax(axis=1)
     assert (colors[mdp.initial_states] == 0).all()
     assert colors[solve(mdp, mdp.rewards(weights)).values.argmax()] == 2
+
+
+@pytest.mark.parametrize("kind", ["grid", "ends"])
+def test_features_are_expected_along_paths_as_by_linear_algebra(kind):
+    mdp, _ = small_world(kind)
+    world = mdp.compiled
+    for seed in range(20):
+        policy = np.random.default_rng(seed).integers(mdp.num_actions, size=16)
+        choice = world.nexts[policy, np.arange(16)]
+        found = np.full(mdp.features.shape, np.nan)
+        order, mark = np.empty((2, 16), dtype=np.uint32)
+        _kernels._expect_features(
+            choice, world.continuations, mdp.features, found, order, mark
+        )
+        expected = feature_expectations(mdp, policy)
+        np.testing.assert_allclose(found, expected, rtol=1e-10)
