@@ -23,6 +23,8 @@ _ROUNDING = 1e-12  # Of an improvement, relative to the values.
 _MARGIN = 1e-9  # Of a log likelihood, before a proposal is given up.
 _SWEEPS = 8
 _MOST_LOOKS = 6  # before a policy is made of the values.
+_SWEEPS_OF_OUTCOMES = 6  # Between two looks in a large uncertain world.
+_ENOUGH = 1e-7  # Error of values that are only iterated, relative to the largest.
 
 
 class World(NamedTuple):
@@ -40,6 +42,14 @@ class World(NamedTuple):
     """Rows of a plain grid; 0 of any other world."""
     num_columns: int
     """Its columns."""
+    outcomes: Unsigned
+    """Which outcome each action has, (S, A), where a large world is uncertain; else (0, 0)."""
+    starts: Unsigned
+    """Where the states of each outcome start in the next two, and the end, (U + 1,)."""
+    reached: Unsigned
+    """States of the outcomes, one after the other."""
+    chances: Array
+    """How probable each is."""
 
 
 class Pairs(NamedTuple):
@@ -351,6 +361,67 @@ def _is_hopeless(
 
 
 @compiled(error_model="numpy")
+def _sweep_outcomes(
+    world: World, rewards: Array, values: Array, expected: Array
+) -> tuple[float, float]:
+    """Iterate the values once; return the least and the largest change."""
+    outcomes, continuations = world.outcomes, world.continuations
+    for u in range(len(world.starts) - 1):
+        total = 0.0
+        for k in range(world.starts[u], world.starts[u + 1]):
+            total += world.chances[k] * values[world.reached[k]]
+        expected[u] = total
+    least_change, most_change = np.inf, -np.inf
+    for s in range(len(rewards)):
+        best = expected[outcomes[s, 0]]
+        for a in range(1, outcomes.shape[1]):
+            there = expected[outcomes[s, a]]
+            best = there if there > best else best
+        new = rewards[s] + continuations[s] * best
+        change = new - values[s]
+        values[s] = new
+        least_change = change if change < least_change else least_change
+        most_change = change if change > most_change else most_change
+    return least_change, most_change
+
+
+@compiled(error_model="numpy")
+def _weigh_by_sweeps(
+    world: World,
+    discount: float,
+    rewards: Array,
+    pairs: Pairs,
+    beta: float,
+    least: float,
+    values: Array,
+    work: Workspace,
+) -> float:
+    """Do what `_weigh` does in a large uncertain world, without any linear system.
+
+    Where nothing ends, the optimal values are above the last ones by between the least
+    and the largest change, times discount over one less the discount.
+    """
+    ends = world.continuations.min() < discount
+    scale = discount / (1.0 - discount)
+    while True:
+        for _ in range(_SWEEPS_OF_OUTCOMES):
+            lower, upper = _sweep_outcomes(world, rewards, values, work.best)
+        if ends:
+            upper = max(abs(lower), abs(upper))
+            lower = -upper
+        slack, shift = (upper - lower) * scale, 0.5 * (upper + lower) * scale
+        largest = 1.0
+        for s in range(len(values)):
+            values[s] += shift
+            largest = max(largest, abs(values[s]))
+        bound = _bound_log_likelihood(world, values, pairs, beta, slack)
+        if bound < least - _MARGIN:
+            return -np.inf
+        if slack < _ENOUGH * largest:
+            return _log_likelihood(world, values, pairs, beta)
+
+
+@compiled(error_model="numpy")
 def _weigh(
     world: World,
     largest_discount: float,
@@ -364,8 +435,13 @@ def _weigh(
 ) -> float:
     """Solve an MDP for its log likelihood; -inf as soon as that is below `least`.
 
-    Choice and values are a start at first, and the solution then.
+    Choice and values are a start at first, and the solution then; the choice is left as it
+    is where values are iterated.
     """
+    if len(world.starts) > 1:
+        return _weigh_by_sweeps(
+            world, largest_discount, rewards, pairs, beta, least, values, work
+        )
     if (
         world.num_rows > 0
         and least > -np.inf
@@ -402,7 +478,7 @@ def _workspace(world: World) -> Workspace:
     return Workspace(
         np.empty(num_states, np.uint32),
         np.empty(num_states, np.uint32),
-        np.empty(num_states),
+        np.empty(max(num_states, len(world.starts))),
         np.zeros(size),
         np.zeros(size),
         np.zeros(size),
@@ -423,7 +499,7 @@ def weigh_all(
     world: World, all_rewards: Array, pairs: Pairs, beta: float
 ) -> tuple[Array, Array]:
     """Solve the MDP for many rewards, (N, S): log likelihoods and optimal values."""
-    log_likelihoods, all_values = np.empty(len(all_rewards)), np.empty_like(all_rewards)
+    log_likelihoods, all_values = np.empty(len(all_rewards)), np.zeros_like(all_rewards)
     choice, work = _first_choice(world), _workspace(world)
     for n in range(len(all_rewards)):
         log_likelihoods[n] = _weigh(
@@ -506,7 +582,7 @@ def walk_coordinates(
     kept_values, kept_logs = np.empty((num_kept, num_states)), np.empty(num_kept)
     work = _workspace(world)
     weights, rewards = start.copy(), start @ columns
-    choice, values = _first_choice(world), np.empty(num_states)
+    choice, values = _first_choice(world), np.zeros(num_states)
     here = _weigh(world, largest, rewards, pairs, beta, -np.inf, choice, values, work)
     best, best_log, num_accepted = weights.copy(), here, 0
     # What the policy expects of each feature, as its values are a good start.
@@ -602,7 +678,7 @@ def walk_sphere(
     logs = np.empty((num_steps, num_chains))
     is_taken = np.zeros((num_steps, num_chains), dtype=np.bool_)
     work, largest = _workspace(world), world.continuations.max()
-    values = np.empty(columns.shape[1])
+    values = np.zeros(columns.shape[1])
     new_values = np.empty_like(values)
     for c in range(num_chains):
         state, here = start[c].copy(), log_likelihoods[c]

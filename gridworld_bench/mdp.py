@@ -8,7 +8,7 @@ import numpy.typing as npt
 from scipy.sparse import csr_array, eye_array
 from scipy.sparse.linalg import splu
 
-from gridworld_bench._kernels import NO_PAIRS, World, weigh_all
+from gridworld_bench._kernels import NO_PAIRS, Unsigned, World, weigh_all
 from gridworld_bench.grid import grid_successors
 from tablesetting.irl.arrays import Array, Booleans, Indices
 
@@ -16,6 +16,16 @@ TIE = 1e-9
 """Actions whose values differ by less, relative to the largest, are equally good."""
 
 _ROUNDING = 1e-12  # Of an improvement, relative to the values.
+_MOST_DENSE = (
+    128  # States of an uncertain world that is solved by dense linear systems.
+)
+_Outcomes = tuple[Unsigned, Unsigned, Unsigned, Array]
+_NO_OUTCOMES: _Outcomes = (
+    np.empty((0, 0), dtype=np.uint32),
+    np.zeros(1, dtype=np.uint32),
+    np.empty(0, dtype=np.uint32),
+    np.empty(0),
+)
 
 
 @dataclass(frozen=True)
@@ -221,7 +231,45 @@ def _compile(mdp: Mdp) -> World:
     if is_certain:
         nexts = np.ascontiguousarray(mdp.successors[:, :, 0].T.astype(np.uint32))
     sides = _sides(mdp) if is_certain and not mdp.is_terminal.any() else (0, 0)
-    return World(nexts, mdp.successors, mdp.probabilities, mdp.continuations, *sides)
+    outcomes, starts, reached, chances = _NO_OUTCOMES
+    if not is_certain and mdp.num_states > _MOST_DENSE:
+        outcomes, starts, reached, chances = _outcomes(mdp)
+    return World(
+        nexts,
+        mdp.successors,
+        mdp.probabilities,
+        mdp.continuations,
+        *sides,
+        outcomes,
+        starts,
+        reached,
+        chances,
+    )
+
+
+def _outcomes(mdp: Mdp) -> _Outcomes:
+    """List what actions can lead to, each outcome once, as `World` has it."""
+    num_states, num_actions, _ = mdp.successors.shape
+    is_used = mdp.probabilities > 0.0
+    successors = np.where(is_used, mdp.successors, num_states)
+    order = successors.argsort(axis=-1, kind="stable")
+    rows = np.concatenate(
+        [
+            np.take_along_axis(successors, order, axis=-1),
+            np.take_along_axis(mdp.probabilities, order, axis=-1),
+        ],
+        axis=-1,
+    ).reshape(num_states * num_actions, -1)
+    distinct, outcomes = np.unique(rows, axis=0, return_inverse=True)
+    reached, chances = np.hsplit(distinct, 2)
+    is_used = chances > 0.0
+    starts = np.concatenate([[0], is_used.sum(axis=1).cumsum()])
+    return (
+        outcomes.reshape(num_states, num_actions).astype(np.uint32),
+        starts.astype(np.uint32),
+        reached[is_used].astype(np.uint32),
+        chances[is_used],
+    )
 
 
 def _sides(mdp: Mdp) -> tuple[int, int]:

@@ -15,6 +15,8 @@ ActionStrategy = Literal[
 CritiqueStrategy = Literal[
     "active-var", "random", "arc", "path-var", "cvar", "information-gain", "max-regret"
 ]
+DrivingStrategy = Literal["drive", ActionStrategy]
+Driver = Literal["safe", "right-lane", "reckless"]
 TimedStrategy = Literal[CritiqueStrategy, "arc-faithful"]
 
 COLUMNS = (
@@ -31,6 +33,8 @@ _LEAST = {
     "num_colors": 1,
     "num_starts": 1,
     "num_samples": 20,
+    "length": 2,
+    "num_sampled_states": 1,
     "jobs": 1,
     "seed": 0,
 }
@@ -41,6 +45,8 @@ _MOST = {
     "num_features": 1024,
     "num_colors": 1024,
     "num_samples": 100_000,
+    "length": 60,
+    "num_sampled_states": 100_000,
     "jobs": 1000,
 }
 
@@ -255,6 +261,44 @@ class TimingConfig(StudyConfig):
             )
 
 
+@dataclass(frozen=True)
+class DrivingStudyConfig(StudyConfig):
+    """See what driving on, and what questions, teach of a highway."""
+
+    num_trials: int = 20
+    """Drives, from each of which every strategy goes on."""
+    num_queries: int = 15
+    """Steps, or answers, after the first five steps."""
+    strategies: tuple[DrivingStrategy, ...] = (  # type: ignore[misc]
+        "drive",
+        "active-var",
+        "random",
+    )
+    """Who goes on; `drive` asks nothing and is driven on."""
+    driver: Driver = "safe"
+    """Who drives and answers."""
+    length: int = 10
+    """Steps ahead that the road is seen."""
+    num_samples: int = 500
+    """Samples of the paper's chain, of five proposals each."""
+    num_sampled_states: int = 200
+    """States that are drawn as candidates before each query."""
+
+    name: ClassVar[str] = "driving-study"
+    num_shown: ClassVar[int] = 5
+    columns: ClassVar[tuple[str, ...]] = (
+        *COLUMNS,
+        *("collisions", "off_road", "riskiest_probability"),
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.preset != "paper":
+            raise ValueError(
+                f"--preset must be paper, whose chain is run; got {self.preset}"
+            )
+
+
 CONFIGS = {
     config.name: config
     for config in (
@@ -264,6 +308,7 @@ CONFIGS = {
         ExampleConfig,
         NormalisedStopConfig,
         TimingConfig,
+        DrivingStudyConfig,
     )
 }
 """The options of each command, by its name."""

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 
 from gridworld_bench.experiments.barrier import count_demonstrations
+from gridworld_bench.experiments.driving_study import tell_driving
 from gridworld_bench.experiments.example import tell_queries
 from gridworld_bench.experiments.results import FIGURE, compare
 from gridworld_bench.experiments.stopping import tell_stops
@@ -19,6 +20,7 @@ FINDINGS: Mapping[str, Callable[[Study, Sequence[Row]], list[str]]] = {
     "example": tell_queries,
     "normalised-stop": tell_stops,
     "timing": tell_seconds,
+    "driving-study": tell_driving,
 }
 """Writes summary and figure of a study, and returns its table, line by line."""
 

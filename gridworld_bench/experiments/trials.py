@@ -15,8 +15,17 @@ from gridworld_bench.arc import (
     propose_faithful_paths,
     score_gain,
 )
+from gridworld_bench.driving import (
+    DrivingProblem,
+    drive,
+    find_riskiest,
+    go_on_driving,
+    sample_states,
+    try_out,
+)
 from gridworld_bench.experiments.config import (
     CritiqueQueriesConfig,
+    DrivingStudyConfig,
     ExampleConfig,
     SparseBarrierConfig,
     StudyConfig,
@@ -24,13 +33,14 @@ from gridworld_bench.experiments.config import (
 )
 from gridworld_bench.grid import ACTIONS
 from gridworld_bench.gridworlds import barrier_world, example_world, random_world
+from gridworld_bench.highway import Highway, stationary_probabilities
 from gridworld_bench.likelihood import Evidence
 from gridworld_bench.mdp import Mdp, best_policy, feature_expectations
 from gridworld_bench.outlook import MdpOutlook
 from gridworld_bench.posterior import CoordinateChain, MdpPosterior, infer
 from gridworld_bench.problem import MdpConfig, MdpProblem
 from gridworld_bench.queries import Query
-from gridworld_bench.strategies import ACTION_METHODS, CRITIQUE_METHODS, Method
+from gridworld_bench.strategies import ACTION_METHODS, CRITIQUE_METHODS, Method, Score
 from tablesetting.irl.active import Round, run_active
 from tablesetting.irl.arrays import Array
 from tablesetting.irl.risk import (
@@ -89,13 +99,33 @@ def _start(
 ) -> tuple[MdpProblem, Iterator[Round[Query, Evidence]]]:
     seeds = np.random.SeedSequence(config.seed, spawn_key=(trial.index,))
     world_rng, teacher_rng, loop_rng = map(np.random.default_rng, seeds.spawn(3))
-    method = method_of(config, trial.strategy)
-    mdp, true_weights = make_world(config, rng=world_rng)
-    problem = MdpProblem(mdp, true_weights, mdp_config(config), method.propose)
-    first = first_evidence(config, problem, rng=teacher_rng)
-    return problem, run_active(
-        problem, [first], method.score, RiskConfig(), rng=loop_rng
-    )
+    problem: MdpProblem
+    if isinstance(config, DrivingStudyConfig):
+        problem, first, score = start_driving(config, trial.strategy, rng=teacher_rng)
+    else:
+        method = method_of(config, trial.strategy)
+        mdp, true_weights = make_world(config, rng=world_rng)
+        problem = MdpProblem(mdp, true_weights, mdp_config(config), method.propose)
+        first = first_evidence(config, problem, rng=teacher_rng)
+        score = method.score
+    return problem, run_active(problem, [first], score, RiskConfig(), rng=loop_rng)
+
+
+def start_driving(
+    config: DrivingStudyConfig, strategy: str, *, rng: np.random.Generator
+) -> tuple[DrivingProblem, Evidence, Score]:
+    """Drive, and show the first steps of it; `drive` shows the others one by one."""
+    highway = Highway(config.length)
+    policy = highway.driver_policy(config.driver)
+    num_steps = config.num_shown + config.num_queries
+    driven = drive(highway, policy, num_steps, rng=rng)
+    propose = sample_states(config.num_sampled_states)
+    score = ACTION_METHODS["random" if strategy == "drive" else strategy].score
+    if strategy == "drive":
+        propose = go_on_driving(driven)
+    problem = DrivingProblem(highway, config.driver, mdp_config(config), propose)
+    shown = driven.states[: config.num_shown]
+    return problem, Evidence.of_pairs([(s, policy[s]) for s in shown.tolist()]), score
 
 
 def _rounds(config: StudyConfig, trial: Trial) -> Iterator[dict[str, Any]]:
@@ -118,12 +148,46 @@ def _rounds(config: StudyConfig, trial: Trial) -> Iterator[dict[str, Any]]:
             row |= normalized_cells(problem, cast(MdpPosterior, latest.posterior))
         if isinstance(config, CritiqueQueriesConfig):
             row |= pair_cells(latest)
+        if isinstance(problem, DrivingProblem):
+            row |= driving_cells(config, problem, trial, num_queries, latest)
         if isinstance(config, TimingConfig):
             row["agreement"] = agreement(config, problem, trial, num_queries, latest)
         yield {
             name: round(value, _DIGITS) + 0.0 if isinstance(value, float) else value
             for name, value in row.items()
         }
+
+
+def driving_cells(
+    config: StudyConfig,
+    problem: DrivingProblem,
+    trial: Trial,
+    num_queries: int,
+    latest: Round[Query, Evidence],
+) -> dict[str, float]:
+    """Try the robot's policy on the road, and tell how rare the riskiest states are.
+
+    These are the riskiest of the same number of sampled states for every strategy; how
+    rare, is the mean share of the time that the driver spends in each.
+    """
+    assert isinstance(config, DrivingStudyConfig)
+    seeds = np.random.SeedSequence(
+        config.seed, spawn_key=(trial.index, 1 + num_queries, 2)
+    )
+    road_rng, sample_rng = map(np.random.default_rng, seeds.spawn(2))
+    mdp, posterior = problem.mdp, cast(MdpPosterior, latest.posterior)
+    record = try_out(
+        problem.highway, best_policy(mdp, posterior.guessed_weights), rng=road_rng
+    )
+    size = min(config.num_sampled_states, mdp.num_states)
+    states = sample_rng.choice(mdp.num_states, size=size, replace=False)
+    riskiest = find_riskiest(mdp, posterior, states).states
+    rarity = stationary_probabilities(mdp, problem.policy)[riskiest].mean()
+    return {
+        "collisions": record.collisions,
+        "off_road": record.off_road,
+        "riskiest_probability": float(rarity),
+    }
 
 
 def make_world(config: StudyConfig, *, rng: np.random.Generator) -> tuple[Mdp, Array]:
@@ -250,6 +314,8 @@ def agreement(
 
 def mdp_config(config: StudyConfig) -> MdpConfig:
     """Return how a reward is learned under a preset."""
+    if isinstance(config, DrivingStudyConfig):
+        return MdpConfig(CoordinateChain(num_samples=config.num_samples))
     if config.preset == "paper":
         return MdpConfig(CoordinateChain())
     return MdpConfig(McmcConfig())

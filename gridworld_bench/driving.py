@@ -1,0 +1,139 @@
+"""Learning to drive from a drive, and from answers in sampled situations."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from gridworld_bench.highway import Highway, driver_weights
+from gridworld_bench.likelihood import Evidence
+from gridworld_bench.mdp import Mdp
+from gridworld_bench.outlook import MdpOutlook
+from gridworld_bench.posterior import MdpPosterior
+from gridworld_bench.problem import MdpConfig, MdpProblem, Proposer
+from gridworld_bench.queries import Query, roll_out, step
+from tablesetting.irl.arrays import Array, Indices
+from tablesetting.irl.risk import RiskConfig, value_at_risk
+
+NUM_RISKIEST = 10
+"""Sampled states, the riskiest ones, that are looked at."""
+
+
+class DrivingProblem(MdpProblem):
+    """A highway with a scripted driver; implements `irl.active.Problem`.
+
+    Attributes:
+        highway: The road.
+        policy: What the driver does in each state, shape (S,).
+    """
+
+    def __init__(
+        self, highway: Highway, driver: str, config: MdpConfig, propose: Proposer
+    ):
+        """Solve the road for the driver.
+
+        Args:
+            highway: The road.
+            driver: Name of the driver, see `highway.DRIVERS`.
+            config: How the reward is learned.
+            propose: Makes the candidate queries.
+        """
+        super().__init__(highway.mdp, driver_weights(driver), config, propose)
+        self.highway = highway
+        self.policy = highway.driver_policy(driver)
+
+    def demonstrate(self, query: Query, *, rng: np.random.Generator) -> Evidence:
+        """Ask the driver what to do."""
+        return Evidence.of_pairs([(query.start, int(self.policy[query.start]))])
+
+
+def drive(
+    highway: Highway, policy: Indices, num_steps: int, *, rng: np.random.Generator
+) -> Query:
+    """Drive from a random situation on the road; return states and actions."""
+    on_road = np.flatnonzero(~(highway.is_on_grass | highway.is_collision))
+    return roll_out(highway.mdp, policy, int(rng.choice(on_road)), num_steps, rng=rng)
+
+
+def sample_states(num: int) -> Proposer:
+    """Ask for the best action in any of some states that are drawn anew every time."""
+    return partial(_propose_sampled, num)
+
+
+def _propose_sampled(
+    num: int, mdp: Mdp, posterior: MdpPosterior, rng: np.random.Generator
+) -> list[Query]:
+    size = min(num, mdp.num_states)
+    chosen = rng.choice(mdp.num_states, size=size, replace=False)
+    return [Query(np.array([state])) for state in chosen]
+
+
+def go_on_driving(driven: Query) -> Proposer:
+    """Ask nothing but what to do next on a drive."""
+    return partial(_propose_next, driven)
+
+
+def _propose_next(
+    driven: Query, mdp: Mdp, posterior: MdpPosterior, rng: np.random.Generator
+) -> list[Query]:
+    known = min(len(posterior.evidence.states), len(driven.states) - 1)
+    return [Query(driven.states[known : known + 1])]
+
+
+@dataclass(frozen=True)
+class Riskiest:
+    """Sampled states with the largest values at risk.
+
+    Attributes:
+        states: The states, the riskiest first, shape (R,).
+        var: Value at risk of each, shape (R,).
+    """
+
+    states: Indices
+    var: Array
+
+
+def find_riskiest(
+    mdp: Mdp, posterior: MdpPosterior, states: Sequence[int] | Indices
+) -> Riskiest:
+    """Return the riskiest of some states, at most `NUM_RISKIEST` of them."""
+    states = np.asarray(states)
+    losses = MdpOutlook(mdp, [], posterior).losses_at(states)
+    var = value_at_risk(losses, RiskConfig().alpha)
+    order = (-var).argsort(kind="stable")[:NUM_RISKIEST]
+    return Riskiest(states[order], var[order])
+
+
+@dataclass(frozen=True)
+class Record:
+    """What happened to a policy on the road.
+
+    Attributes:
+        collisions: Steps at which it was where another car was.
+        off_road: Steps on the grass.
+    """
+
+    collisions: int
+    off_road: int
+
+
+def try_out(
+    highway: Highway,
+    policy: Indices,
+    num_steps: int = 1000,
+    *,
+    rng: np.random.Generator,
+) -> Record:
+    """Drive from an empty middle lane on; count what should not happen."""
+    state = next(
+        k
+        for k, each in enumerate(highway.situations)
+        if each.agent == 2 and not each.cars
+    )
+    collisions = off_road = 0
+    for _ in range(num_steps):
+        state = step(highway.mdp, state, int(policy[state]), rng=rng)
+        collisions += int(highway.is_collision[state])
+        off_road += int(highway.is_on_grass[state])
+    return Record(collisions, off_road)

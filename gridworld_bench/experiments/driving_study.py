@@ -1,0 +1,82 @@
+"""What driving on, and what questions, teach of a highway."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gridworld_bench.experiments.config import DrivingStudyConfig
+from gridworld_bench.experiments.results import FIGURE, losses_of
+from gridworld_bench.experiments.study import Study
+from tablesetting.bootstrap import Estimate, estimate, estimate_ratio
+from tablesetting.curves import Curve, CurveKey
+from tablesetting.irl.arrays import Array
+from tablesetting.plotting import plot_strategies
+from tablesetting.results import Row
+
+_SHOWN = (0, 5, 15)  # Queries, or further steps, in the table.
+
+
+def tell_driving(study: Study, rows: Sequence[Row]) -> list[str]:
+    """Tell how well the robot drives, and how rare the riskiest states are."""
+    config = study.config
+    assert isinstance(config, DrivingStudyConfig)
+    rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(0, 1)))
+    counts = [count for count in _SHOWN if count <= config.num_queries]
+    lines = [
+        f"# {config.name}: driver {config.driver}, seed {config.seed}, "
+        f"{config.num_trials} trials, {config.num_samples} samples",
+        "",
+        f"Means after {config.num_shown} driven steps and as many steps or answers more; "
+        "95 % intervals by bootstrap over the trials. Collisions and steps off the road are "
+        "of 1 000 steps of the robot's policy, probabilities the mean share of the time "
+        "that the driver spends in each of the ten riskiest sampled states.",
+        "",
+        "| strategy | more | collisions | off the road | 0.95-VaR | probability [%] |",
+        "|---|---|---|---|---|---|",
+    ]
+    found: dict[str, dict[str, object]] = {}
+    columns = ("collisions", "off_road", "var", "riskiest_probability")
+    values = {column: losses_of(rows, config, column) for column in columns}
+    for name in values["var"]:
+        found[name] = {}
+        for count in counts:
+            means = [
+                _mean_of(column, values[column][name][:, count], rng=rng)
+                for column in columns
+            ]
+            lines.append(f"| {name} | {count} | {' | '.join(map(str, means))} |")
+            found[name][str(count)] = dict(
+                zip(columns, (mean.value for mean in means), strict=True)
+            )
+    areas = {name: each.sum(axis=1) for name, each in values["collisions"].items()}
+    if "active-var" in areas:
+        for name, area in areas.items():
+            if name != "active-var" and area.any():
+                ratio = estimate_ratio(areas["active-var"], area, rng=rng)
+                lines += [
+                    "",
+                    f"Collisions of active-var, over all rounds: {ratio} of {name}'s.",
+                ]
+                found["active-var"][f"collisions_by_{name}"] = vars(ratio)
+    study.write_summary(found, driver=config.driver, num_samples=config.num_samples)
+    curves = {}
+    steps = np.arange(config.num_queries + 1.0)
+    for name, each in values["collisions"].items():
+        curves[CurveKey(config.name, name, "collisions")] = Curve(
+            steps, each.mean(axis=0), each.std(axis=0), len(each)
+        )
+    figure = plot_strategies(
+        curves,
+        {},
+        f"{config.name}: {config.driver} driver, {config.num_trials} trials, seed {config.seed}",
+        xlabel=f"steps, or answers, after {config.num_shown} steps",
+        ylabel="collisions in 1 000 steps",
+    )
+    study.folder.write(FIGURE, figure.savefig)
+    return lines
+
+
+def _mean_of(column: str, values: Array, *, rng: np.random.Generator) -> Estimate:
+    if column == "riskiest_probability":
+        values = 100.0 * values  # In percent.
+    return estimate(values, rng=rng)["mean"]
