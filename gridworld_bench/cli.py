@@ -8,6 +8,11 @@ from pathlib import Path
 from typing import cast
 
 from gridworld_bench.experiments.config import CONFIGS, StudyConfig
+from gridworld_bench.experiments.driving_config import (
+    DRIVING_CONFIGS,
+    DriveConfig,
+    DrivingConfig,
+)
 from tablesetting.command_line import (
     follow_trials,
     new_folder,
@@ -34,12 +39,32 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     def command() -> int:
         arguments = list(sys.argv[1:] if argv is None else argv)
+        configs = CONFIGS | DRIVING_CONFIGS
         config = parse(
-            arguments, CONFIGS, prog="gridworld-bench", description=__doc__ or ""
+            arguments, configs, prog="gridworld-bench", description=__doc__ or ""
         )
+        if isinstance(config, DriveConfig):
+            return _drive(config)
+        if isinstance(config, DrivingConfig):
+            return _driving(config)
         return _study(cast(StudyConfig, config))
 
     return run_command(command)
+
+
+def _drive(config: DriveConfig) -> int:
+    from gridworld_bench.experiments.drive import record_drive
+
+    print(*record_drive(config), sep="\n")
+    return 0
+
+
+def _driving(config: DrivingConfig) -> int:
+    from gridworld_bench.experiments.driving import learn_driving
+
+    out = config.out or new_folder(Path("runs", "grid"), "driving")
+    print(*learn_driving(config, out), sep="\n")
+    return 0
 
 
 def _study(config: StudyConfig) -> int:

@@ -1,6 +1,6 @@
 """Learning to drive from a drive, and from answers in sampled situations."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -16,44 +16,60 @@ from gridworld_bench.queries import Query, roll_out, step
 from tablesetting.irl.arrays import Array, Indices
 from tablesetting.irl.risk import RiskConfig, value_at_risk
 
+Answer = Callable[[int], int]
+"""Returns what to do in a state."""
+
 NUM_RISKIEST = 10
 """Sampled states, the riskiest ones, that are looked at."""
 
 
 class DrivingProblem(MdpProblem):
-    """A highway with a scripted driver; implements `irl.active.Problem`.
+    """A highway with somebody who drives; implements `irl.active.Problem`.
 
     Attributes:
         highway: The road.
-        policy: What the driver does in each state, shape (S,).
+        policy: What the scripted driver does in each state, shape (S,).
     """
 
     def __init__(
-        self, highway: Highway, driver: str, config: MdpConfig, propose: Proposer
+        self,
+        highway: Highway,
+        driver: str,
+        config: MdpConfig,
+        propose: Proposer,
+        answer: Answer | None = None,
     ):
-        """Solve the road for the driver.
+        """Solve the road for the scripted driver.
 
         Args:
             highway: The road.
             driver: Name of the driver, see `highway.DRIVERS`.
             config: How the reward is learned.
             propose: Makes the candidate queries.
+            answer: Who answers them; the scripted driver if None.
         """
         super().__init__(highway.mdp, driver_weights(driver), config, propose)
         self.highway = highway
         self.policy = highway.driver_policy(driver)
+        self._answer = answer
 
     def demonstrate(self, query: Query, *, rng: np.random.Generator) -> Evidence:
         """Ask the driver what to do."""
-        return Evidence.of_pairs([(query.start, int(self.policy[query.start]))])
+        ask = self._answer or self.policy.__getitem__
+        return Evidence.of_pairs([(query.start, int(ask(query.start)))])
 
 
 def drive(
     highway: Highway, policy: Indices, num_steps: int, *, rng: np.random.Generator
 ) -> Query:
     """Drive from a random situation on the road; return states and actions."""
-    on_road = np.flatnonzero(~(highway.is_on_grass | highway.is_collision))
-    return roll_out(highway.mdp, policy, int(rng.choice(on_road)), num_steps, rng=rng)
+    start = int(rng.choice(road_starts(highway)))
+    return roll_out(highway.mdp, policy, start, num_steps, rng=rng)
+
+
+def road_starts(highway: Highway) -> Indices:
+    """Return states on the road without a collision, in which a drive can start."""
+    return np.flatnonzero(~(highway.is_on_grass | highway.is_collision))
 
 
 def sample_states(num: int) -> Proposer:
