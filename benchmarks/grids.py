@@ -7,7 +7,9 @@ import numpy as np
 from cases import make_rng
 from figure import Figure, Plain, Quantity, Timing, Work, measure
 
+from gridworld_bench.driving import drive
 from gridworld_bench.gridworlds import random_world
+from gridworld_bench.highway import Highway
 from gridworld_bench.likelihood import Evidence
 from gridworld_bench.mdp import Mdp, feature_expectations, solve
 from gridworld_bench.posterior import BETA, CoordinateChain, MdpPosterior, infer
@@ -37,6 +39,15 @@ def scaling() -> Iterator[Figure]:
         evidence = _evidence(mdp, weights, 10)
         label = f"{size} x {size}, {num_features} features, 10 demos"
         yield from _time_chain(label, mdp, evidence, num_samples=2000 * 64 // size**2)
+
+
+def highway() -> Iterator[Figure]:
+    """The paper's chain on the default highway, after 10 driven steps."""
+    road, rng = Highway(), make_rng()
+    policy = road.driver_policy("safe")
+    states = drive(road, policy, 10, rng=rng).states
+    evidence = Evidence(states, policy[states], np.ones(len(states), dtype=bool))
+    yield from _time_chain("highway, 10 steps", road.mdp, evidence, num_samples=1000)
 
 
 def queries() -> Iterator[Figure]:

@@ -1,11 +1,18 @@
-"""Worlds as Gymnasium environments; needs the extra `tablesetting[gym]`."""
+"""Worlds as Gymnasium environments; needs the extra `tablesetting[gym]`.
 
-from typing import Any
+Importing this module registers `gridworld_bench/Highway-v0`.
+"""
+
+from contextlib import ExitStack
+from typing import Any, Literal
 
 import gymnasium as gym
 from gymnasium import spaces
 
+from gridworld_bench.highway import Highway, driver_weights
 from gridworld_bench.mdp import Mdp
+from gridworld_bench.road_picture import Picture, draw_road
+from gridworld_bench.window import Window, open_window
 from tablesetting.irl.arrays import Array
 
 Outcome = tuple[float, int, float, bool]
@@ -54,6 +61,76 @@ class MdpEnv(gym.Env[Any, Any]):
         return self._state, reward, is_end, False, {"prob": probability}
 
 
+class HighwayEnv(MdpEnv):
+    """The highway; the reward is what a scripted driver wants, as there is no true one.
+
+    Attributes:
+        highway: The road.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012
+        "render_modes": ["rgb_array", "human"],
+        "render_fps": 4,
+    }
+
+    def __init__(
+        self,
+        length: int = 10,
+        driver: str = "safe",
+        render_mode: Literal["rgb_array", "human"] | None = None,
+    ):
+        """Make the environment.
+
+        Args:
+            length: How many steps ahead the road is seen.
+            driver: Whose reward it is, see `highway.DRIVERS`.
+            render_mode: A picture on demand, or a window, which needs
+                `tablesetting[drive]`.
+        """
+        self.highway = Highway(length)
+        super().__init__(self.highway.mdp, driver_weights(driver))
+        self.render_mode = render_mode
+        self._num_steps = 0
+        self._window: Window | None = None
+        self._opened = ExitStack()
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[int, dict[str, Any]]:
+        """Start anywhere."""
+        found = super().reset(seed=seed, options=options)
+        self._num_steps = 0
+        self._show()
+        return found
+
+    def step(self, action: int) -> tuple[int, float, bool, bool, dict[str, Any]]:
+        """Drive one step; driving never ends."""
+        found = super().step(action)
+        self._num_steps += 1
+        self._show()
+        return found
+
+    def render(self) -> Picture | None:
+        """Return a picture in the mode "rgb_array"; a window shows it by itself."""
+        if self.render_mode != "rgb_array":
+            return None
+        situation = self.highway.situations[self._state]
+        return draw_road(situation, self.highway.length, self._num_steps)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        self._window = None
+        self._opened.close()
+
+    def _show(self) -> None:
+        if self.render_mode == "human":
+            if self._window is None:
+                opened = open_window(self.highway.length)
+                self._window = self._opened.enter_context(opened)
+            situation = self.highway.situations[self._state]
+            self._window.show(situation, self._num_steps)
+
+
 def tabulate(mdp: Mdp, weights: Array) -> dict[int, dict[int, list[Outcome]]]:
     """List the outcomes of each action in each state."""
     rewards = mdp.rewards(weights)
@@ -86,3 +163,11 @@ def tabulate(mdp: Mdp, weights: Array) -> dict[int, dict[int, list[Outcome]]]:
         state: {action: outcomes(state, action) for action in range(mdp.num_actions)}
         for state in range(mdp.num_states)
     }
+
+
+if "gridworld_bench/Highway-v0" not in gym.registry:
+    gym.register(
+        "gridworld_bench/Highway-v0",
+        entry_point="gridworld_bench.envs:HighwayEnv",
+        max_episode_steps=1000,
+    )

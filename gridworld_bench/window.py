@@ -1,6 +1,7 @@
 """A window on the road, with a person at the keyboard; needs `tablesetting[drive]`."""
 
 import os
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import ModuleType
@@ -12,7 +13,10 @@ from gridworld_bench.highway import ACTIONS, Situation
 from gridworld_bench.road_picture import draw_road
 from tablesetting.errors import TableSettingError
 
-KEYS = "arrows drive (up: stay), backspace undoes, p pauses, s saves, q ends"
+KEYS = (
+    "arrows drive, up stays in the lane",
+    "backspace undoes, p pauses, s saves, q ends",
+)
 _SCALE = 2
 _BAR = 84  # Pixels for words below the road.
 _WAIT = 20  # Milliseconds between two looks at the keyboard.
@@ -48,10 +52,11 @@ class Window:
         self._screen.fill((20, 20, 22))
         left = (self._screen.get_width() - surface.get_width()) // 2
         self._screen.blit(surface, (left, 0))
-        for row, line in enumerate((*words, *KEYS.split("), "))):
+        for row, line in enumerate((*words, *KEYS)):
             text = self._font.render(line, True, (225, 225, 225))
             self._screen.blit(text, (8, image.shape[0] + 6 + 19 * row))
         self._pygame.display.flip()
+        self._pygame.event.pump()
 
     def wait_for_key(self, seconds: float | None = None) -> str | None:
         """Return what the person wants: an action, or undo, pause, save or end.
@@ -100,7 +105,9 @@ def open_window(length: int) -> Iterator[Window]:
     """
     os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
     try:
-        import pygame
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # It loads a package that is going away.
+            import pygame
     except ModuleNotFoundError as error:
         raise NoWindow(
             "a window needs pygame; install it by `pip install 'tablesetting[drive]'`, "

@@ -41,7 +41,7 @@ _RUN_FILES = (
     *(CERTIFICATE, "audit.csv"),
     *("figures", "figures/learning.png", "figures/query_*.png"),
     *("comparison.md", "figures/placement.png", "figures/placement.svg"),
-    "figures/comparison.png",
+    *("figures/comparison.png", "figures/riskiest.png"),
     *("calibration.md", "figures/calibration.png"),
     *("execution.md", "figures/execution.png"),
     *("episodes", "episodes/episode_*.npz"),

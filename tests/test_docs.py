@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 
 from gridworld_bench.experiments.config import CONFIGS
+from gridworld_bench.experiments.driving_config import DRIVING_CONFIGS
 from tablesetting import cli, command_line
 from tablesetting.reward.files import read_demonstrations, read_layouts
 from tablesetting.reward.layout import LayoutSpace
 from tablesetting.reward.tasks import FOOTPRINTS, VASE
 
 ROOT = Path(__file__).parents[1]
-parse_grid = partial(command_line.parse, configs=CONFIGS, prog="", description="")
+parse_grid = partial(
+    command_line.parse, configs=CONFIGS | DRIVING_CONFIGS, prog="", description=""
+)
 EXAMPLES = sorted((ROOT / "docs" / "examples").glob("*.py"))
 TOLD = [ROOT / "docs" / "tutorial.md", *sorted((ROOT / "docs" / "howto").glob("*.md"))]
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]

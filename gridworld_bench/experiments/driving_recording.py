@@ -10,7 +10,7 @@ from gridworld_bench.drives import Drive
 from gridworld_bench.experiments.driving_figure import NUM_DRAWN
 from gridworld_bench.experiments.driving_view import View
 from gridworld_bench.highway import ACTIONS, Highway
-from gridworld_bench.road_picture import draw_road
+from gridworld_bench.road_picture import Picture, draw_road
 
 _TIMELINE = "step"
 
@@ -37,7 +37,7 @@ def record_driving(path: Path, driven: Drive, views: Sequence[View]) -> None:
         ):
             stream.set_time(_TIMELINE, sequence=k)
             image = draw_road(highway.situations[state], highway.length, k)
-            stream.log("drive", rr.Image(image))
+            stream.log("drive", _compressed(image))
             stream.log("action", rr.TextDocument(f"{driven.driver}: {ACTIONS[action]}"))
         for view in views:
             stream.set_time(_TIMELINE, sequence=view.num_steps + view.num_queries)
@@ -50,13 +50,17 @@ def record_driving(path: Path, driven: Drive, views: Sequence[View]) -> None:
 def _log_view(stream: rr.RecordingStream, highway: Highway, view: View) -> None:
     for rank, state in enumerate(view.riskiest.states[:NUM_DRAWN]):
         image = draw_road(highway.situations[state], highway.length)
-        stream.log(f"riskiest/{rank + 1}", rr.Image(image))
+        stream.log(f"riskiest/{rank + 1}", _compressed(image))
     stream.log("var", rr.Scalars(float(view.riskiest.var[0])))
     stream.log("collisions", rr.Scalars(float(view.record.collisions)))
     if view.asked is not None and view.answer is not None:
         image = draw_road(highway.situations[view.asked], highway.length)
-        stream.log("query", rr.Image(image))
+        stream.log("query", _compressed(image))
         stream.log("action", rr.TextDocument(f"answer: {ACTIONS[view.answer]}"))
+
+
+def _compressed(image: Picture) -> rr.Image | rr.EncodedImage:
+    return rr.Image(image).compress(jpeg_quality=90)
 
 
 def _blueprint() -> rrb.Blueprint:
@@ -81,5 +85,7 @@ def _blueprint() -> rrb.Blueprint:
             ),
             column_shares=[1, 3],
         ),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(timeline=_TIMELINE, state="collapsed"),
     )

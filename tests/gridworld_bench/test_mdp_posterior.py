@@ -13,7 +13,7 @@ from worlds import (
 
 from gridworld_bench.gridworlds import make_grid
 from gridworld_bench.likelihood import Evidence, MdpLikelihood
-from gridworld_bench.mdp import solve
+from gridworld_bench.mdp import optimal_values, solve
 from gridworld_bench.posterior import CoordinateChain, _choose_distinct, infer
 from tablesetting.irl.random_walk import Proposals, walk
 from tablesetting.irl.sampler import McmcConfig
@@ -181,3 +181,21 @@ def test_the_sound_chain_samples_the_posterior():
     deviation = np.sqrt(shares @ (directions - expected) ** 2)
     errors = np.abs(posterior.weights.mean(axis=0) - expected)
     assert (errors < 4.0 * deviation / np.sqrt(posterior.kept_ess)).all()
+
+
+@pytest.mark.parametrize("kind", ["slip", "slip and ends"])
+def test_a_large_uncertain_world_is_solved_by_sweeps_alike(kind, monkeypatch):
+    expected_mdp, weights = small_world(kind)
+    expected = optimal_values(expected_mdp, random_weights(20, 6))
+    evidence = mixed_evidence(expected_mdp, weights)
+    chain = CoordinateChain(num_samples=100)
+    rng = np.random.default_rng
+    dense = infer(expected_mdp, [evidence], chain, rng=rng(0))
+    monkeypatch.setattr("gridworld_bench.mdp._MOST_DENSE", 0)
+    mdp, _ = small_world(kind)
+    assert len(mdp.compiled.starts) > 1
+    found = optimal_values(mdp, random_weights(20, 6))
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+    swept = infer(mdp, [evidence], chain, rng=rng(0))
+    np.testing.assert_allclose(swept.weights, dense.weights, atol=1e-9)
+    np.testing.assert_allclose(swept.log_posts, dense.log_posts, atol=1e-4)
