@@ -140,4 +140,4 @@ def _plain_losses(mdp: Mdp, posterior: MdpPosterior) -> None:
         best - feature_expectations(mdp, policy) @ weights
 
 
-FIGURES = (chain, scaling, queries)
+FIGURES = (chain, scaling, highway, queries)

@@ -48,6 +48,14 @@ def tell_driving(study: Study, rows: Sequence[Row]) -> list[str]:
             found[name][str(count)] = dict(
                 zip(columns, (mean.value for mean in means), strict=True)
             )
+    last = counts[-1]
+    for name, each in values["riskiest_probability"].items():
+        ratio = estimate_ratio(each[:, last], each[:, 0], rng=rng)
+        lines += [
+            "",
+            f"Probability after {last} more by that at first, {name}: {ratio}.",
+        ]
+        found[name]["probability_by_first"] = vars(ratio)
     areas = {name: each.sum(axis=1) for name, each in values["collisions"].items()}
     if "active-var" in areas:
         for name, area in areas.items():
@@ -55,7 +63,7 @@ def tell_driving(study: Study, rows: Sequence[Row]) -> list[str]:
                 ratio = estimate_ratio(areas["active-var"], area, rng=rng)
                 lines += [
                     "",
-                    f"Collisions of active-var, over all rounds: {ratio} of {name}'s.",
+                    f"Collisions over all rounds, active-var by {name}: {ratio}.",
                 ]
                 found["active-var"][f"collisions_by_{name}"] = vars(ratio)
     study.write_summary(found, driver=config.driver, num_samples=config.num_samples)
