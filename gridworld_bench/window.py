@@ -17,6 +17,7 @@ KEYS = (
     "arrows drive, up stays in the lane",
     "backspace undoes, p pauses, s saves, q ends",
 )
+_UNSEEN = ("dummy", "offscreen")  # What SDL may take where there is no display.
 _SCALE = 2
 _BAR = 84  # Pixels for words below the road.
 _WAIT = 20  # Milliseconds between two looks at the keyboard.
@@ -115,6 +116,11 @@ def open_window(length: int) -> Iterator[Window]:
         ) from error
     try:
         pygame.display.init()
+        if (
+            pygame.display.get_driver() in _UNSEEN
+            and "SDL_VIDEODRIVER" not in os.environ
+        ):
+            raise pygame.error("there is no display")
         pygame.font.init()
         window = Window(pygame, length)
     except pygame.error as error:

@@ -79,9 +79,15 @@ def test_nothing_driven_is_nothing_saved(keys, tmp_path, capsys):
     assert not out.exists()
 
 
-def test_without_a_display_one_line_says_so(monkeypatch, tmp_path, capsys):
-    pytest.importorskip("pygame")
-    monkeypatch.setenv("SDL_VIDEODRIVER", "none at all")
+@pytest.mark.parametrize("driver", ["none at all", None])
+def test_without_a_display_one_line_says_so(monkeypatch, tmp_path, capsys, driver):
+    pygame = pytest.importorskip("pygame")
+    if driver is None:
+        monkeypatch.delenv("SDL_VIDEODRIVER", raising=False)
+        monkeypatch.setattr(pygame.display, "get_driver", lambda: "offscreen")
+        monkeypatch.setattr(pygame.display, "init", lambda: None)
+    else:
+        monkeypatch.setenv("SDL_VIDEODRIVER", driver)
     assert run_drive(tmp_path / "demos.json") == 1
     error = capsys.readouterr().err
     assert error.startswith("error: no window can be opened")
