@@ -185,7 +185,7 @@ def test_rows_do_not_depend_on_the_processes(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("argv", "part"),
     [
-        (["drive"], "'drive'"),
+        (["fly"], "'fly'"),
         (["action-queries", "--num-trials", "0"], "at least 1"),
         (["action-queries", "--num-trials", "1000001"], "at most 100000"),
         (["action-queries", "--strategies", "arc"], "arc"),
