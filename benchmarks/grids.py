@@ -44,9 +44,7 @@ def scaling() -> Iterator[Figure]:
 def highway() -> Iterator[Figure]:
     """The paper's chain on the default highway, after 10 driven steps."""
     road, rng = Highway(), make_rng()
-    policy = road.driver_policy("safe")
-    states = drive(road, policy, 10, rng=rng).states
-    evidence = Evidence(states, policy[states], np.ones(len(states), dtype=bool))
+    evidence = drive(road, "safe", 10, rng=rng).first(10)
     yield from _time_chain("highway, 10 steps", road.mdp, evidence, num_samples=1000)
 
 

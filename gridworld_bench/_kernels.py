@@ -21,7 +21,7 @@ Unsigned = npt.NDArray[np.uint32]
 
 _ROUNDING = 1e-12  # Of an improvement, relative to the values.
 _MARGIN = 1e-9  # Of a log likelihood, before a proposal is given up.
-_SWEEPS = 8
+_SWEEPS = 8  # Between two looks at the bound,
 _MOST_LOOKS = 6  # before a policy is made of the values.
 _SWEEPS_OF_OUTCOMES = 6  # Between two looks in a large uncertain world.
 _ENOUGH = 1e-7  # Error of values that are only iterated, relative to the largest.
@@ -86,6 +86,20 @@ class Workspace(NamedTuple):
     places: Unsigned
 
 
+@compiled(error_model="numpy", inline="always")
+def _follow(
+    choice: Unsigned, first: int, order: Unsigned, mark: Unsigned
+) -> tuple[int, np.uint32]:
+    """Follow a policy until it meets what is known, or itself; return how far, and where."""
+    length, state = 0, np.uint32(first)
+    while mark[state] == 0:
+        mark[state] = length + 2
+        order[length] = state
+        length += 1
+        state = choice[state]
+    return length, state
+
+
 @compiled(error_model="numpy")
 def _evaluate_graph(
     choice: Unsigned,
@@ -101,13 +115,7 @@ def _evaluate_graph(
     for first in range(len(rewards)):
         if mark[first] != 0:
             continue
-        # Follow the policy until it meets what is known, or itself.
-        length, state = 0, np.uint32(first)
-        while mark[state] == 0:
-            mark[state] = length + 2
-            order[length] = state
-            length += 1
-            state = choice[state]
+        length, state = _follow(choice, first, order, mark)
         if mark[state] >= 2:
             start = mark[state] - 2
             total, factor = 0.0, 1.0
@@ -532,12 +540,7 @@ def _expect_features(
     for first in range(num_states):
         if mark[first] != 0:
             continue
-        length, state = 0, np.uint32(first)
-        while mark[state] == 0:
-            mark[state] = length + 2
-            order[length] = state
-            length += 1
-            state = choice[state]
+        length, state = _follow(choice, first, order, mark)
         if mark[state] >= 2:
             total, factor = expectations[state], 1.0
             total[:] = 0.0
@@ -572,9 +575,9 @@ def walk_coordinates(
 ) -> tuple[Array, Array, Array, Array, float, int]:
     """Walk the paper's chain: some coordinates step, are clipped and renormalised.
 
-    `columns` are the features, (D, S); coordinates and steps are of shape (P, J). Returns states, their optimal values
-    and log likelihoods after each `thinning` proposals, the best state ever, its log
-    likelihood and how many proposals were accepted.
+    `columns` are the features, (D, S); coordinates and steps are of shape (P, J). Returns
+    states, their optimal values and log likelihoods after each `thinning` proposals, the
+    best state ever, its log likelihood and how many proposals were accepted.
     """
     num_states, largest = columns.shape[1], world.continuations.max()
     num_kept = len(steps) // thinning

@@ -6,8 +6,6 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gridworld_bench.highway import ACTIONS, DRIVERS, Highway, Situation
 from gridworld_bench.likelihood import Evidence
 from tablesetting.errors import InvalidFile
@@ -115,10 +113,3 @@ def _situation(step: Mapping[str, Any]) -> Situation:
     if any(type(number) is not int for number in numbers):
         raise TypeError
     return Situation(step["position"], tuple(sorted(cars)))
-
-
-def as_drive(
-    highway: Highway, states: np.ndarray, actions: np.ndarray, driver: str
-) -> Drive:
-    """Make a drive of arrays of states and actions, shapes (T,)."""
-    return Drive(highway, tuple(states.tolist()), tuple(actions.tolist()), driver)

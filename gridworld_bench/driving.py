@@ -1,20 +1,26 @@
 """Learning to drive from a drive, and from answers in sampled situations."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
-from gridworld_bench.highway import Highway, driver_weights
+from gridworld_bench.drives import Drive
+from gridworld_bench.highway import (
+    POSITIONS,
+    Highway,
+    Situation,
+    drive_best,
+    driver_weights,
+    stationary_probabilities,
+)
 from gridworld_bench.likelihood import Evidence
 from gridworld_bench.mdp import Mdp
-from gridworld_bench.outlook import MdpOutlook
 from gridworld_bench.posterior import MdpPosterior
 from gridworld_bench.problem import MdpConfig, MdpProblem, Proposer
 from gridworld_bench.queries import Query, roll_out, step
 from tablesetting.irl.arrays import Array, Indices
-from tablesetting.irl.risk import RiskConfig, value_at_risk
 
 Answer = Callable[[int], int]
 """Returns what to do in a state."""
@@ -50,8 +56,13 @@ class DrivingProblem(MdpProblem):
         """
         super().__init__(highway.mdp, driver_weights(driver), config, propose)
         self.highway = highway
-        self.policy = highway.driver_policy(driver)
+        self.policy = drive_best(self.truth)
         self._answer = answer
+
+    @cached_property
+    def time_spent(self) -> Array:
+        """Share of the time that the scripted driver spends in each state, shape (S,)."""
+        return stationary_probabilities(self.mdp, self.policy)
 
     def demonstrate(self, query: Query, *, rng: np.random.Generator) -> Evidence:
         """Ask the driver what to do."""
@@ -60,16 +71,23 @@ class DrivingProblem(MdpProblem):
 
 
 def drive(
-    highway: Highway, policy: Indices, num_steps: int, *, rng: np.random.Generator
-) -> Query:
-    """Drive from a random situation on the road; return states and actions."""
-    start = int(rng.choice(road_starts(highway)))
-    return roll_out(highway.mdp, policy, start, num_steps, rng=rng)
+    highway: Highway, driver: str, num_steps: int, *, rng: np.random.Generator
+) -> Drive:
+    """Let a scripted driver drive from a random situation on the road."""
+    start, policy = int(rng.choice(road_starts(highway))), highway.driver_policy(driver)
+    path = roll_out(highway.mdp, policy, start, num_steps, rng=rng)
+    states = path.states.tolist()
+    return Drive(highway, tuple(states), tuple(policy[states].tolist()), driver)
 
 
 def road_starts(highway: Highway) -> Indices:
     """Return states on the road without a collision, in which a drive can start."""
     return np.flatnonzero(~(highway.is_on_grass | highway.is_collision))
+
+
+def draw_states(mdp: Mdp, num: int, *, rng: np.random.Generator) -> Indices:
+    """Draw distinct states, all of them if there are no more."""
+    return rng.choice(mdp.num_states, size=min(num, mdp.num_states), replace=False)
 
 
 def sample_states(num: int) -> Proposer:
@@ -80,21 +98,19 @@ def sample_states(num: int) -> Proposer:
 def _propose_sampled(
     num: int, mdp: Mdp, posterior: MdpPosterior, rng: np.random.Generator
 ) -> list[Query]:
-    size = min(num, mdp.num_states)
-    chosen = rng.choice(mdp.num_states, size=size, replace=False)
-    return [Query(np.array([state])) for state in chosen]
+    return [Query(np.array([state])) for state in draw_states(mdp, num, rng=rng)]
 
 
-def go_on_driving(driven: Query) -> Proposer:
+def go_on_driving(driven: Drive) -> Proposer:
     """Ask nothing but what to do next on a drive."""
     return partial(_propose_next, driven)
 
 
 def _propose_next(
-    driven: Query, mdp: Mdp, posterior: MdpPosterior, rng: np.random.Generator
+    driven: Drive, mdp: Mdp, posterior: MdpPosterior, rng: np.random.Generator
 ) -> list[Query]:
     known = min(len(posterior.evidence.states), len(driven.states) - 1)
-    return [Query(driven.states[known : known + 1])]
+    return [Query(np.array([driven.states[known]]))]
 
 
 @dataclass(frozen=True)
@@ -110,13 +126,13 @@ class Riskiest:
     var: Array
 
 
-def find_riskiest(
-    mdp: Mdp, posterior: MdpPosterior, states: Sequence[int] | Indices
-) -> Riskiest:
-    """Return the riskiest of some states, at most `NUM_RISKIEST` of them."""
-    states = np.asarray(states)
-    losses = MdpOutlook(mdp, [], posterior).losses_at(states)
-    var = value_at_risk(losses, RiskConfig().alpha)
+def find_riskiest(states: Indices, var: Array) -> Riskiest:
+    """Return the riskiest of some states, at most `NUM_RISKIEST` of them.
+
+    Args:
+        states: States, shape (K,).
+        var: Value at risk of each, shape (K,).
+    """
     order = (-var).argsort(kind="stable")[:NUM_RISKIEST]
     return Riskiest(states[order], var[order])
 
@@ -142,11 +158,7 @@ def try_out(
     rng: np.random.Generator,
 ) -> Record:
     """Drive from an empty middle lane on; count what should not happen."""
-    state = next(
-        k
-        for k, each in enumerate(highway.situations)
-        if each.agent == 2 and not each.cars
-    )
+    state = highway.state_of(Situation(POSITIONS.index("middle lane"), ()))
     collisions = off_road = 0
     for _ in range(num_steps):
         state = step(highway.mdp, state, int(policy[state]), rng=rng)

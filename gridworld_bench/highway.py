@@ -4,14 +4,14 @@ The paper tells of its simulator in a few sentences (section 5.2); the cells, th
 and how cars come back are ours.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations, product
 
 import numpy as np
 
-from gridworld_bench.mdp import Mdp, solve
+from gridworld_bench.mdp import Mdp, Solution, solve
 from tablesetting.irl.arrays import Array, Booleans, Indices, normalize_l1
 
 ACTIONS = ("left", "stay", "right")
@@ -94,7 +94,7 @@ class Highway:
         self.length = length
         cells = [(lane, distance) for lane in _LANES for distance in range(length)]
         pairs = [tuple(cars) for num in range(3) for cars in combinations(cells, num)]
-        # What comes next comes before, as far as can be: values then spread in one sweep.
+        # By what is still to be passed: one step leads to what is near in memory.
         self._pairs = sorted(pairs, key=lambda cars: sum(each[1] + 1 for each in cars))
         self.situations = [
             Situation(agent, cars)
@@ -119,7 +119,7 @@ class Highway:
         """The road as an MDP, in which driving starts anywhere and never ends."""
         num_pairs, num_states = len(self._pairs), len(self.situations)
         place = {cars: k for k, cars in enumerate(self._pairs)}
-        moves = [dict(self._move(cars)) for cars in self._pairs]
+        moves = [self._move(cars) for cars in self._pairs]
         most = max(map(len, moves))
         reached = np.zeros((num_pairs, most), dtype=np.intp)
         chances = np.zeros((num_pairs, most))
@@ -141,8 +141,8 @@ class Highway:
             is_terminal=np.zeros(num_states, dtype=bool),
         )
 
-    def _move(self, cars: tuple[Car, ...]) -> Iterator[tuple[tuple[Car, ...], float]]:
-        """Yield where two cars can be at the next step, and how probably."""
+    def _move(self, cars: tuple[Car, ...]) -> dict[tuple[Car, ...], float]:
+        """Return how probable each place of the cars is at the next step."""
         kept = [(lane, distance - 1) for lane, distance in cars if distance > 0]
         options = {None: 1.0 - _ENTERS} | dict.fromkeys(_LANES, _ENTERS / len(_LANES))
         found: dict[tuple[Car, ...], float] = {}
@@ -154,17 +154,11 @@ class Highway:
                 key = tuple(sorted(new))
                 found[key] = found.get(key, 0.0) + chance
         total = sum(found.values())
-        yield from ((key, chance / total) for key, chance in found.items())
+        return {key: chance / total for key, chance in found.items()}
 
     def driver_policy(self, driver: str) -> Indices:
-        """Return what a scripted driver does in each state, shape (S,).
-
-        The action is a best one for what the driver wants, and to stay wherever that is
-        as good.
-        """
-        solution = solve(self.mdp, self.mdp.rewards(driver_weights(driver)))
-        best = solution.is_optimal.argmax(axis=1)
-        return np.where(solution.is_optimal[:, STAY], STAY, best)
+        """Return what a scripted driver does in each state, shape (S,)."""
+        return drive_best(solve(self.mdp, self.mdp.rewards(driver_weights(driver))))
 
     @cached_property
     def is_collision(self) -> Booleans:
@@ -181,6 +175,12 @@ def driver_weights(driver: str) -> Array:
     """Return the reward weights of a scripted driver, shape (D,)."""
     wanted = DRIVERS[driver]
     return normalize_l1(np.array([wanted.get(name, 0.0) for name in FEATURES]))
+
+
+def drive_best(solution: Solution) -> Indices:
+    """Return a best action in each state, to stay wherever that is as good, shape (S,)."""
+    best = solution.is_optimal.argmax(axis=1)
+    return np.where(solution.is_optimal[:, STAY], STAY, best)
 
 
 def stationary_probabilities(mdp: Mdp, policy: Indices) -> Array:

@@ -16,9 +16,7 @@ TIE = 1e-9
 """Actions whose values differ by less, relative to the largest, are equally good."""
 
 _ROUNDING = 1e-12  # Of an improvement, relative to the values.
-_MOST_DENSE = (
-    128  # States of an uncertain world that is solved by dense linear systems.
-)
+_MOST_DENSE = 128  # States of an uncertain world to be solved by dense linear systems.
 _Outcomes = tuple[Unsigned, Unsigned, Unsigned, Array]
 _NO_OUTCOMES: _Outcomes = (
     np.empty((0, 0), dtype=np.uint32),

@@ -110,7 +110,7 @@ def average(rows: Iterable[Row], quantities: Iterable[str]) -> dict[CurveKey, Cu
         groups.setdefault((row["task"], row["strategy"]), []).append(row)
     quantities = tuple(quantities)
     return {
-        CurveKey(task, strategy, quantity): _mean_curve(*_by_step(group, quantity))
+        CurveKey(task, strategy, quantity): mean_curve(*_by_step(group, quantity))
         for (task, strategy), group in groups.items()
         for quantity in quantities
     }
@@ -131,7 +131,7 @@ def paired_difference(
     own = [row for row in rows if row["task"] == task]
     num_demos, values = _by_step(_of_strategy(own, strategy), quantity)
     _, others = _by_step(_of_strategy(own, other), quantity)
-    return _mean_curve(num_demos, values - others)
+    return mean_curve(num_demos, values - others)
 
 
 @dataclass(frozen=True)
@@ -224,7 +224,7 @@ def _by_step(rows: Sequence[Row], quantity: str) -> tuple[Array, Array]:
     return num_demos, values[order].reshape(len(num_demos), -1)
 
 
-def _mean_curve(num_demos: Array, values: Array) -> Curve:
+def mean_curve(num_demos: Array, values: Array) -> Curve:
     """Average values, shape (S, T), over the trials; one trial has no spread."""
     num_trials = values.shape[1]
     stds = values.std(axis=1, ddof=min(1, num_trials - 1))

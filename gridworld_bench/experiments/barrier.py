@@ -8,7 +8,7 @@ from gridworld_bench.experiments.config import SparseBarrierConfig
 from gridworld_bench.experiments.results import FIGURE, losses_of
 from gridworld_bench.experiments.study import Study
 from tablesetting.bootstrap import estimate_ratio
-from tablesetting.curves import Curve, CurveKey
+from tablesetting.curves import CurveKey, mean_curve
 from tablesetting.plotting import plot_strategies
 from tablesetting.results import Row
 
@@ -71,8 +71,8 @@ def _draw(study: Study, rows: Sequence[Row]) -> None:
     curves = {}
     for name, each in losses_of(rows, config).items():
         has_loss = (each > _NO_LOSS).astype(float)
-        curve = Curve(counts, has_loss.mean(axis=0), has_loss.std(axis=0), len(each))
-        curves[CurveKey(config.name, name, "has_loss")] = curve
+        key = CurveKey(config.name, name, "has_loss")
+        curves[key] = mean_curve(counts, has_loss.T)
     figure = plot_strategies(
         curves,
         {},

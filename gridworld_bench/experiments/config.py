@@ -25,7 +25,7 @@ COLUMNS = (
 )
 """Columns of rounds.csv."""
 
-_LEAST = {
+LEAST = {
     "num_trials": 1,
     "num_queries": 0,
     "size": 3,
@@ -38,7 +38,7 @@ _LEAST = {
     "jobs": 1,
     "seed": 0,
 }
-_MOST = {
+MOST = {
     "num_trials": 100_000,
     "num_queries": 10_000,
     "size": 128,
@@ -84,8 +84,8 @@ class StudyConfig:
     """Who asks."""
 
     def __post_init__(self) -> None:
-        refuse_below(self, **_LEAST)
-        refuse_above(self, **_MOST)
+        refuse_below(self, **LEAST)
+        refuse_above(self, **MOST)
         for name in ("level", "epsilon", "loss_epsilon"):
             if not 0.0 < getattr(self, name, 1.0) < math.inf:
                 option = name.replace("_", "-")

@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 
-from gridworld_bench.drives import DRIVE_FORMAT, Drive, as_drive, save_drive
+from gridworld_bench.drives import DRIVE_FORMAT, Drive, save_drive
 from gridworld_bench.driving import drive as drive_by_script
 from gridworld_bench.driving import road_starts
 from gridworld_bench.experiments.driving_config import DriveConfig
@@ -38,9 +38,7 @@ def record_drive(config: DriveConfig) -> list[str]:
         )
     highway, rng = Highway(config.length), np.random.default_rng(config.seed)
     if config.driver != "person":
-        policy = highway.driver_policy(config.driver)
-        found = drive_by_script(highway, policy, config.steps, rng=rng)
-        driven = as_drive(highway, found.states, policy[found.states], config.driver)
+        driven = drive_by_script(highway, config.driver, config.steps, rng=rng)
         save_drive(out, driven)
     else:
         with open_window(config.length) as window:
@@ -88,8 +86,7 @@ def _drive_by_person(
         elif command == "save":
             words = f"saved to {config.out.name}" if actions else "nothing to save yet"
         elif command is None or command in ACTIONS:
-            if is_paused and command is not None:
-                is_paused = False
+            is_paused = False
             actions.append(STAY if command is None else ACTIONS.index(command))
             states.append(step(highway.mdp, states[-1], actions[-1], rng=rng))
         if actions:

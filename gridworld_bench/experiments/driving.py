@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import nullcontext
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import cast
@@ -122,14 +123,15 @@ def _ask(
     try:
         for count, latest in enumerate(islice(rounds, num_queries + 1)):
             if previous is not None:
-                yield _answered(previous, latest)
+                answer = int(latest.demos[-1].actions[0])
+                yield replace(previous, answer=answer)
             posterior = cast(MdpPosterior, latest.posterior)
-            states = [query.start for query in latest.candidates]
+            states = np.array([query.start for query in latest.candidates])
             policy = best_policy(problem.mdp, posterior.guessed_weights)
             previous = View(
                 num_steps,
                 count,
-                find_riskiest(problem.mdp, posterior, states),
+                find_riskiest(states, latest.var),
                 try_out(problem.highway, policy, rng=rng),
                 latest.query.start if count < num_queries else None,
             )
@@ -138,16 +140,7 @@ def _ask(
     except WindowClosed:
         pass
     if previous is not None:
-        last = previous
-        yield View(last.num_steps, last.num_queries, last.riskiest, last.record)
-
-
-def _answered(view: View, latest: Round[Query, Evidence]) -> View:
-    """Return a view with the answer to its question."""
-    answer = int(latest.demos[-1].actions[0])
-    return View(
-        view.num_steps, view.num_queries, view.riskiest, view.record, view.asked, answer
-    )
+        yield replace(previous, asked=None)
 
 
 def _asking(highway: Highway, window: Window) -> Answer:

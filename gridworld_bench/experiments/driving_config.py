@@ -7,17 +7,11 @@ from typing import Annotated, Literal
 
 from tyro.conf import arg
 
-from gridworld_bench.experiments.config import ActionStrategy, Driver
+from gridworld_bench.experiments.config import LEAST, MOST, ActionStrategy, Driver
 from tablesetting.options import refuse_above, refuse_below
 
-_LEAST = {
-    "length": 2,
-    "seed": 0,
-    "num_sampled_states": 10,
-    "num_samples": 20,
-    "num_queries": 0,
-}
-_MOST = {"length": 60, "num_samples": 20_000, "num_queries": 1000}
+_LEAST = LEAST | {"num_sampled_states": 10}
+_MOST = MOST | {"num_samples": 20_000, "num_queries": 1000}
 _LONGEST = 100_000  # Steps of a drive.
 
 

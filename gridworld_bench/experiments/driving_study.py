@@ -8,7 +8,7 @@ from gridworld_bench.experiments.config import DrivingStudyConfig
 from gridworld_bench.experiments.results import FIGURE, losses_of
 from gridworld_bench.experiments.study import Study
 from tablesetting.bootstrap import Estimate, estimate, estimate_ratio
-from tablesetting.curves import Curve, CurveKey
+from tablesetting.curves import CurveKey, mean_curve
 from tablesetting.irl.arrays import Array
 from tablesetting.plotting import plot_strategies
 from tablesetting.results import Row
@@ -70,9 +70,8 @@ def tell_driving(study: Study, rows: Sequence[Row]) -> list[str]:
     curves = {}
     steps = np.arange(config.num_queries + 1.0)
     for name, each in values["collisions"].items():
-        curves[CurveKey(config.name, name, "collisions")] = Curve(
-            steps, each.mean(axis=0), each.std(axis=0), len(each)
-        )
+        key = CurveKey(config.name, name, "collisions")
+        curves[key] = mean_curve(steps, each.T)
     figure = plot_strategies(
         curves,
         {},

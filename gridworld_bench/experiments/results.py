@@ -10,7 +10,7 @@ import numpy as np
 from gridworld_bench.experiments.config import StudyConfig
 from gridworld_bench.experiments.study import Study
 from tablesetting.bootstrap import Estimate, estimate_ratio
-from tablesetting.curves import Curve, CurveKey, read_published
+from tablesetting.curves import Curve, CurveKey, mean_curve, read_published
 from tablesetting.irl.arrays import Array
 from tablesetting.plotting import plot_strategies
 from tablesetting.results import Row, RunFolder, numbers
@@ -168,8 +168,8 @@ def _draw(folder: RunFolder, losses: Mapping[str, Array], config: StudyConfig) -
     ours = {}
     for name, each in losses.items():
         scale = float(each[:, 0].mean()) or 1.0
-        curve = Curve(counts, normalized(each), each.std(axis=0) / scale, len(each))
-        ours[CurveKey(config.name, name, QUANTITY)] = curve
+        key = CurveKey(config.name, name, QUANTITY)
+        ours[key] = mean_curve(counts, each.T / scale)
     published = {
         key: Curve(
             curve.num_demos,

@@ -8,7 +8,7 @@ import numpy as np
 from gridworld_bench.experiments.config import NormalisedStopConfig
 from gridworld_bench.experiments.results import FIGURE, losses_of
 from gridworld_bench.experiments.study import Study
-from tablesetting.curves import Curve, CurveKey, Share
+from tablesetting.curves import CurveKey, Share, mean_curve
 from tablesetting.plotting import plot_strategies
 from tablesetting.results import Row
 
@@ -88,9 +88,8 @@ def _draw(study: Study, rows: Sequence[Row]) -> None:
         for column in ("random_normalized_var", "random_normalized_loss"):
             values = losses_of(rows, config, column)[strategy]
             label = "0.95-VaR" if column.endswith("var") else "true loss"
-            curves[CurveKey(config.name, f"{strategy}, {label}", column)] = Curve(
-                counts, values.mean(axis=0), values.std(axis=0), len(values)
-            )
+            key = CurveKey(config.name, f"{strategy}, {label}", column)
+            curves[key] = mean_curve(counts, values.T)
     figure = plot_strategies(
         curves,
         {},

@@ -17,6 +17,7 @@ from gridworld_bench.arc import (
 )
 from gridworld_bench.driving import (
     DrivingProblem,
+    draw_states,
     drive,
     find_riskiest,
     go_on_driving,
@@ -33,7 +34,7 @@ from gridworld_bench.experiments.config import (
 )
 from gridworld_bench.grid import ACTIONS
 from gridworld_bench.gridworlds import barrier_world, example_world, random_world
-from gridworld_bench.highway import Highway, stationary_probabilities
+from gridworld_bench.highway import Highway
 from gridworld_bench.likelihood import Evidence
 from gridworld_bench.mdp import Mdp, best_policy, feature_expectations
 from gridworld_bench.outlook import MdpOutlook
@@ -116,16 +117,15 @@ def start_driving(
 ) -> tuple[DrivingProblem, Evidence, Score]:
     """Drive, and show the first steps of it; `drive` shows the others one by one."""
     highway = Highway(config.length)
-    policy = highway.driver_policy(config.driver)
     num_steps = config.num_shown + config.num_queries
-    driven = drive(highway, policy, num_steps, rng=rng)
-    propose = sample_states(config.num_sampled_states)
-    score = ACTION_METHODS["random" if strategy == "drive" else strategy].score
+    driven = drive(highway, config.driver, num_steps, rng=rng)
     if strategy == "drive":
-        propose = go_on_driving(driven)
-    problem = DrivingProblem(highway, config.driver, mdp_config(config), propose)
-    shown = driven.states[: config.num_shown]
-    return problem, Evidence.of_pairs([(s, policy[s]) for s in shown.tolist()]), score
+        method = Method(go_on_driving(driven), ACTION_METHODS["random"].score)
+    else:
+        propose = sample_states(config.num_sampled_states)
+        method = Method(propose, ACTION_METHODS[strategy].score)
+    problem = DrivingProblem(highway, config.driver, mdp_config(config), method.propose)
+    return problem, driven.first(config.num_shown), method.score
 
 
 def _rounds(config: StudyConfig, trial: Trial) -> Iterator[dict[str, Any]]:
@@ -179,14 +179,13 @@ def driving_cells(
     record = try_out(
         problem.highway, best_policy(mdp, posterior.guessed_weights), rng=road_rng
     )
-    size = min(config.num_sampled_states, mdp.num_states)
-    states = sample_rng.choice(mdp.num_states, size=size, replace=False)
-    riskiest = find_riskiest(mdp, posterior, states).states
-    rarity = stationary_probabilities(mdp, problem.policy)[riskiest].mean()
+    states = draw_states(mdp, config.num_sampled_states, rng=sample_rng)
+    losses = cast(MdpOutlook, latest.outlook).losses_at(states)
+    riskiest = find_riskiest(states, value_at_risk(losses, RiskConfig().alpha)).states
     return {
         "collisions": record.collisions,
         "off_road": record.off_road,
-        "riskiest_probability": float(rarity),
+        "riskiest_probability": float(problem.time_spent[riskiest].mean()),
     }
 
 

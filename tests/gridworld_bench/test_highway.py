@@ -17,7 +17,6 @@ from gridworld_bench.highway import (
     driver_weights,
     stationary_probabilities,
 )
-from gridworld_bench.likelihood import Evidence
 from gridworld_bench.mdp import optimal_values, solve
 from gridworld_bench.posterior import CoordinateChain, infer
 
@@ -132,23 +131,24 @@ def test_a_simulated_record_agrees_with_the_stationary_probabilities(highway):
 
 def test_more_of_the_drive_makes_the_robot_safer():
     road = Highway(6)
-    policy = road.driver_policy("safe")
-    driven = drive(road, policy, 40, rng=np.random.default_rng(3))
+    driven = drive(road, "safe", 40, rng=np.random.default_rng(3))
     rates = []
     for num in (2, 40):
-        states = driven.states[:num]
-        evidence = Evidence(states, policy[states], np.ones(num, dtype=bool))
         posterior = infer(
             road.mdp,
-            [evidence],
+            [driven.first(num)],
             CoordinateChain(num_samples=300),
             rng=np.random.default_rng(0),
         )
         own = solve(road.mdp, road.mdp.rewards(posterior.map_weights)).policy
         rates.append(stationary_probabilities(road.mdp, own) @ road.is_collision)
-        riskiest = find_riskiest(road.mdp, posterior, np.arange(road.mdp.num_states))
-        assert (np.diff(riskiest.var) <= 0.0).all()
     assert rates[1] <= rates[0]
+
+
+def test_the_riskiest_states_come_first():
+    riskiest = find_riskiest(np.arange(20, 35), np.r_[0.2, 0.5, np.full(13, 0.1)])
+    assert riskiest.states.tolist() == [21, 20, *range(22, 30)]
+    assert riskiest.var.tolist() == [0.5, 0.2, *[0.1] * 8]
 
 
 @given(st.integers(2, 8), st.data())
