@@ -44,7 +44,7 @@ def scaling() -> Iterator[Figure]:
 def highway() -> Iterator[Figure]:
     """The paper's chain on the default highway, after 10 driven steps."""
     road, rng = Highway(), make_rng()
-    evidence = drive(road, "safe", 10, rng=rng).first(10)
+    evidence = drive(road, "safe", 10, rng=rng).evidence
     yield from _time_chain("highway, 10 steps", road.mdp, evidence, num_samples=1000)
 
 

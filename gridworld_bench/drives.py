@@ -1,7 +1,7 @@
 """Drives as JSON: what was done in which situation on the highway."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
@@ -32,10 +32,15 @@ class Drive:
     actions: tuple[int, ...]
     driver: str = "person"
 
-    def first(self, num_steps: int) -> Evidence:
-        """Return the first steps as evidence."""
-        pairs = zip(self.states[:num_steps], self.actions[:num_steps], strict=True)
-        return Evidence.of_pairs(list(pairs))
+    def first(self, num_steps: int) -> "Drive":
+        """Return the first steps."""
+        states, actions = self.states[:num_steps], self.actions[:num_steps]
+        return replace(self, states=states, actions=actions)
+
+    @property
+    def evidence(self) -> Evidence:
+        """The steps as judgments that each action is a best one."""
+        return Evidence.of_pairs(list(zip(self.states, self.actions, strict=True)))
 
 
 def save_drive(path: Path, drive: Drive) -> None:
@@ -50,15 +55,17 @@ def save_drive(path: Path, drive: Drive) -> None:
         "length": drive.highway.length,
         "driver": drive.driver,
         "steps": [
-            {
-                "position": each.agent,
-                "cars": [list(car) for car in each.cars],
-                "action": ACTIONS[action],
-            }
+            describe(each) | {"action": ACTIONS[action]}
             for each, action in zip(situations, drive.actions, strict=True)
         ],
     }
     RunFolder.make(path.parent).write_json(path.name, content)
+
+
+def describe(situation: Situation) -> dict[str, Any]:
+    """Return a situation as JSON has it."""
+    cars = [list(car) for car in situation.cars]
+    return {"position": situation.agent, "cars": cars}
 
 
 def read_drive(path: Path) -> Drive:
@@ -84,8 +91,8 @@ def read_drive(path: Path) -> Drive:
         except (KeyError, TypeError, ValueError) as error:
             raise InvalidFile(
                 f"'{path}': step {number} must have a `position` from 0 to 4, at most two "
-                f"`cars` as [lane, distance] with lanes from 1 to 3 and distances below "
-                f"{length}, and an `action` of {', '.join(ACTIONS)}; got {step!r:.80}"
+                f"`cars` in different places as [lane, distance], with lanes from 1 to 3 "
+                f"and distances below {length}, and an `action` of {', '.join(ACTIONS)}; got {step!r:.80}"
             ) from error
     driver = content.get("driver")
     return Drive(

@@ -1,4 +1,4 @@
-"""Worlds as Gymnasium environments; needs the extra `tablesetting[gym]`.
+"""Worlds as Gymnasium environments; needs the extra `tablesetting[drive]`.
 
 Importing this module registers `gridworld_bench/Highway-v0`.
 """
@@ -6,8 +6,15 @@ Importing this module registers `gridworld_bench/Highway-v0`.
 from contextlib import ExitStack
 from typing import Any, Literal
 
-import gymnasium as gym
-from gymnasium import spaces
+try:
+    import gymnasium as gym
+    from gymnasium import spaces
+except ModuleNotFoundError as error:
+    raise ModuleNotFoundError(
+        "the environments need Gymnasium; install it by "
+        "`pip install 'tablesetting[drive]'`",
+        name=error.name,
+    ) from error
 
 from gridworld_bench.highway import Highway, driver_weights
 from gridworld_bench.mdp import Mdp
@@ -125,10 +132,13 @@ class HighwayEnv(MdpEnv):
     def _show(self) -> None:
         if self.render_mode == "human":
             if self._window is None:
-                opened = open_window(self.highway.length)
+                opened = open_window(
+                    self.highway.length, (), remedy="choose the render_mode rgb_array"
+                )
                 self._window = self._opened.enter_context(opened)
             situation = self.highway.situations[self._state]
             self._window.show(situation, self._num_steps)
+            self._window.wait_for_frame(self.metadata["render_fps"])
 
 
 def tabulate(mdp: Mdp, weights: Array) -> dict[int, dict[int, list[Outcome]]]:

@@ -15,7 +15,7 @@ def open_folder(
     path: Path,
     settings: Mapping[str, Any],
     *,
-    resume: bool,
+    resume: bool | None,
     overwrite: bool,
     check: Callable[[], None] = lambda: None,
 ) -> Iterator[RunFolder]:
@@ -24,7 +24,8 @@ def open_folder(
     Args:
         path: Where it is, or is to be.
         settings: Content of its config.json, as it will be read back.
-        resume: Whether to go on there, if it has the same settings.
+        resume: Whether to go on there, if it has the same settings; None if the command
+            never can.
         overwrite: Whether an earlier run there, of the same command, may be replaced.
         check: Raises if it must not be replaced even so.
 
@@ -47,8 +48,8 @@ def open_folder(
         else:
             if overwrite:
                 check()
-            is_same = is_run and _command_of(path) == command
-            remedy = "go on with it by --resume, " if is_same else ""
+            can_go_on = resume is not None and is_run and _command_of(path) == command
+            remedy = "go on with it by --resume, " if can_go_on else ""
             folder.clear(overwrite=overwrite, command=command, remedy=remedy)
             folder.write_json(CONFIG, settings)
         yield folder

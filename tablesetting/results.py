@@ -47,6 +47,7 @@ _RUN_FILES = (
     *("episodes", "episodes/episode_*.npz"),
     *("next_layout.json", "bounds.csv"),
     *("layouts.csv", "figures/validation.png"),
+    *("demos.json", "riskiest.json"),
 )
 
 _PACKAGES = ("mujoco", "dm-control", "mink", "rerun-sdk", "numpy", "scipy", "numba")

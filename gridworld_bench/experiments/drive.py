@@ -14,6 +14,11 @@ from gridworld_bench.window import Window, open_window
 from tablesetting.errors import OutputError, TableSettingError
 from tablesetting.results import format_of
 
+_KEYS = (
+    "arrows drive, up stays in the lane",
+    "backspace undoes, p pauses, s saves, q ends",
+)
+
 
 class NothingDriven(TableSettingError):
     """A drive ended before its first step."""
@@ -41,7 +46,8 @@ def record_drive(config: DriveConfig) -> list[str]:
         driven = drive_by_script(highway, config.driver, config.steps, rng=rng)
         save_drive(out, driven)
     else:
-        with open_window(config.length) as window:
+        remedy = "let --driver safe drive"
+        with open_window(config.length, _KEYS, remedy=remedy) as window:
             driven = _drive_by_person(config, highway, window, rng=rng)
     num_steps = len(driven.states)
     if not num_steps:
@@ -67,7 +73,7 @@ def _drive_by_person(
     def driven() -> Drive:
         return Drive(highway, tuple(states[: len(actions)]), tuple(actions))
 
-    words, is_paused = "", False
+    words, is_paused, is_saved = "", False, False
     while len(actions) < config.steps:
         progress = f"step {len(actions) + 1} of {config.steps}  {words}"
         window.show(highway.situations[states[-1]], len(actions), (progress,))
@@ -91,4 +97,7 @@ def _drive_by_person(
             states.append(step(highway.mdp, states[-1], actions[-1], rng=rng))
         if actions:
             save_drive(config.out, driven())
+        elif is_saved:
+            config.out.unlink(missing_ok=True)  # All of it was undone.
+        is_saved = bool(actions)
     return driven()

@@ -10,7 +10,6 @@ from tyro.conf import arg
 from gridworld_bench.experiments.config import LEAST, MOST, ActionStrategy, Driver
 from tablesetting.options import refuse_above, refuse_below
 
-_LEAST = LEAST | {"num_sampled_states": 10}
 _MOST = MOST | {"num_samples": 20_000, "num_queries": 1000}
 _LONGEST = 100_000  # Steps of a drive.
 
@@ -38,7 +37,7 @@ class DriveConfig:
     """Replace an earlier drive in the file."""
 
     def __post_init__(self) -> None:
-        refuse_below(self, **_LEAST, steps=1)
+        refuse_below(self, **LEAST, steps=1)
         refuse_above(self, **_MOST, steps=_LONGEST)
         if self.period is not None and not 0.0 < self.period < math.inf:
             raise ValueError(f"--period must be positive; got {self.period}")
@@ -54,11 +53,13 @@ class DrivingConfig:
         Path | None, arg(help_behavior_hint="(default: a drive of --driver)")
     ] = None
     """The drive, as `drive` writes it."""
-    driver: Driver = "safe"
+    driver: Annotated[
+        Driver | None, arg(help_behavior_hint="(default: who drove, or safe)")
+    ] = None
     """Who drives without --demos, and answers."""
     steps: tuple[int, ...] = (5, 10, 20)
     """After how many driven steps to look at the riskiest situations."""
-    num_queries: int = 0
+    num_queries: Annotated[int, arg(aliases=("--queries",))] = 0
     """Questions after the last of these, at most."""
     strategy: ActionStrategy = "active-var"
     """Chooses the questions."""
@@ -80,7 +81,7 @@ class DrivingConfig:
     """Replace an earlier run in the folder."""
 
     def __post_init__(self) -> None:
-        refuse_below(self, **_LEAST)
+        refuse_below(self, **LEAST)
         refuse_above(self, **_MOST)
         if (
             not self.steps

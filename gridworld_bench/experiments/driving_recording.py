@@ -20,7 +20,7 @@ def record_driving(path: Path, driven: Drive, views: Sequence[View]) -> None:
 
     Args:
         path: The file.
-        driven: The drive.
+        driven: The steps that were learned from.
         views: What was known after some steps and answers; an answer counts as a step.
     """
     stream = rr.RecordingStream(
@@ -56,7 +56,7 @@ def _log_view(stream: rr.RecordingStream, highway: Highway, view: View) -> None:
     if view.asked is not None and view.answer is not None:
         image = draw_road(highway.situations[view.asked], highway.length)
         stream.log("query", _compressed(image))
-        stream.log("action", rr.TextDocument(f"answer: {ACTIONS[view.answer]}"))
+        stream.log("answer", rr.TextDocument(ACTIONS[view.answer]))
 
 
 def _compressed(image: Picture) -> rr.Image | rr.EncodedImage:
@@ -78,7 +78,11 @@ def _blueprint() -> rrb.Blueprint:
             rrb.Vertical(
                 rrb.Horizontal(*riskiest),
                 rrb.Horizontal(
-                    rrb.Spatial2DView(name="query", origin="query"),
+                    rrb.Vertical(
+                        rrb.Spatial2DView(name="query", origin="query"),
+                        rrb.TextDocumentView(name="answer", origin="answer"),
+                        row_shares=[5, 1],
+                    ),
                     rrb.TimeSeriesView(name="0.95-VaR", origin="var"),
                     rrb.TimeSeriesView(name="collisions", origin="collisions"),
                 ),

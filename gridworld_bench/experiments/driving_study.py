@@ -1,6 +1,7 @@
 """What driving on, and what questions, teach of a highway."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,8 @@ from tablesetting.irl.arrays import Array
 from tablesetting.plotting import plot_strategies
 from tablesetting.results import Row
 
-_SHOWN = (0, 5, 15)  # Queries, or further steps, in the table.
+_SHOWN = (0, 5, 15)  # Queries, or further steps, in the table, beside the last.
+_COLUMNS = ("collisions", "off_road", "policy_loss", "var", "riskiest_probability")
 
 
 def tell_driving(study: Study, rows: Sequence[Row]) -> list[str]:
@@ -21,51 +23,37 @@ def tell_driving(study: Study, rows: Sequence[Row]) -> list[str]:
     config = study.config
     assert isinstance(config, DrivingStudyConfig)
     rng = np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=(0, 1)))
-    counts = [count for count in _SHOWN if count <= config.num_queries]
+    last = config.num_queries
+    counts = sorted({count for count in _SHOWN if count < last} | {last})
     lines = [
         f"# {config.name}: driver {config.driver}, seed {config.seed}, "
         f"{config.num_trials} trials, {config.num_samples} samples",
         "",
         f"Means after {config.num_shown} driven steps and as many steps or answers more; "
         "95 % intervals by bootstrap over the trials. Collisions and steps off the road are "
-        "of 1 000 steps of the robot's policy, probabilities the mean share of the time "
-        "that the driver spends in each of the ten riskiest sampled states.",
+        "of 1 000 steps of the robot's policy, the loss is its true one, on average over "
+        "all states, and probabilities the mean share of the time that the driver spends "
+        "in each of the ten riskiest sampled states.",
         "",
-        "| strategy | more | collisions | off the road | 0.95-VaR | probability [%] |",
-        "|---|---|---|---|---|---|",
+        "| strategy | more | collisions | off the road | loss | 0.95-VaR | probability [%] |",
+        "|---|---|---|---|---|---|---|",
     ]
-    found: dict[str, dict[str, object]] = {}
-    columns = ("collisions", "off_road", "var", "riskiest_probability")
-    values = {column: losses_of(rows, config, column) for column in columns}
-    for name in values["var"]:
+    found: dict[str, dict[str, Any]] = {}
+    values = {column: losses_of(rows, config, column) for column in _COLUMNS}
+    for name in map(str, config.strategies):
         found[name] = {}
         for count in counts:
-            means = [
-                _mean_of(column, values[column][name][:, count], rng=rng)
-                for column in columns
-            ]
-            lines.append(f"| {name} | {count} | {' | '.join(map(str, means))} |")
-            found[name][str(count)] = dict(
-                zip(columns, (mean.value for mean in means), strict=True)
-            )
-    last = counts[-1]
-    for name, each in values["riskiest_probability"].items():
-        ratio = estimate_ratio(each[:, last], each[:, 0], rng=rng)
-        lines += [
-            "",
-            f"Probability after {last} more by that at first, {name}: {ratio}.",
-        ]
-        found[name]["probability_by_first"] = vars(ratio)
-    areas = {name: each.sum(axis=1) for name, each in values["collisions"].items()}
-    if "active-var" in areas:
-        for name, area in areas.items():
-            if name != "active-var" and area.any():
-                ratio = estimate_ratio(areas["active-var"], area, rng=rng)
-                lines += [
-                    "",
-                    f"Collisions over all rounds, active-var by {name}: {ratio}.",
-                ]
-                found["active-var"][f"collisions_by_{name}"] = vars(ratio)
+            means = {
+                column: _mean_of(column, values[column][name][:, count], rng=rng)
+                for column in _COLUMNS
+            }
+            cells = " | ".join(map(str, means.values()))
+            lines.append(f"| {name} | {count} | {cells} |")
+            found[name][str(count)] = {
+                column: mean.value for column, mean in means.items()
+            }
+    if last:
+        lines += _tell_ratios(values, found, last, rng=rng)
     study.write_summary(found, driver=config.driver, num_samples=config.num_samples)
     curves = {}
     steps = np.arange(config.num_queries + 1.0)
@@ -80,6 +68,41 @@ def tell_driving(study: Study, rows: Sequence[Row]) -> list[str]:
         ylabel="collisions in 1 000 steps",
     )
     study.folder.write(FIGURE, figure.savefig)
+    return lines
+
+
+def _tell_ratios(
+    values: Mapping[str, Mapping[str, Array]],
+    found: dict[str, dict[str, Any]],
+    last: int,
+    *,
+    rng: np.random.Generator,
+) -> list[str]:
+    """Compare the riskiest states with those at first, and `active-var` with the others."""
+    lines = []
+    for name, each in values["riskiest_probability"].items():
+        ratio = estimate_ratio(each[:, last], each[:, 0], rng=rng)
+        found[name]["probability_by_first"] = vars(ratio)
+        lines += [
+            "",
+            f"Probability after {last} more by that at first, {name}: {ratio}.",
+        ]
+    for first, rounds in ((1, "all rounds"), (last // 2 + 1, "the second half")):
+        for column in ("collisions", "policy_loss"):
+            areas = {
+                name: each[:, first:].sum(axis=1)
+                for name, each in values[column].items()
+            }
+            for name, area in areas.items():
+                if "active-var" in areas and name != "active-var" and area.any():
+                    ratio = estimate_ratio(areas["active-var"], area, rng=rng)
+                    key = f"{column}_by_{name}, {rounds}"
+                    found["active-var"][key] = vars(ratio)
+                    what = column.replace("_", " ")
+                    lines += [
+                        "",
+                        f"Sum of {what} over {rounds}, active-var by {name}: {ratio}.",
+                    ]
     return lines
 
 

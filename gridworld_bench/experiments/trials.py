@@ -125,7 +125,7 @@ def start_driving(
         propose = sample_states(config.num_sampled_states)
         method = Method(propose, ACTION_METHODS[strategy].score)
     problem = DrivingProblem(highway, config.driver, mdp_config(config), method.propose)
-    return problem, driven.first(config.num_shown), method.score
+    return problem, driven.first(config.num_shown).evidence, method.score
 
 
 def _rounds(config: StudyConfig, trial: Trial) -> Iterator[dict[str, Any]]:

@@ -7,7 +7,8 @@ from refusals import refusal
 
 from gridworld_bench import cli, window
 from gridworld_bench.drives import read_drive, save_drive, shipped_drive
-from gridworld_bench.highway import ACTIONS, DRIVERS, STAY
+from gridworld_bench.driving import DrivingProblem
+from gridworld_bench.highway import ACTIONS, DRIVERS, STAY, Situation
 
 FEW = ("--num-samples", "60", "--num-sampled-states", "30")
 
@@ -71,6 +72,54 @@ def test_a_window_that_is_closed_keeps_what_was_driven(keys, tmp_path, capsys, e
     assert "ended after 2 of 9 steps, which are saved" in capsys.readouterr().err
 
 
+def test_what_is_all_undone_is_not_kept(keys, tmp_path, capsys):
+    keys += ["LEFT", "BACKSPACE", "q"]
+    out = tmp_path / "demos.json"
+    assert run_drive(out) == 1
+    assert "nothing is saved" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_undo_before_the_first_step_leaves_an_earlier_drive(keys, tmp_path):
+    out = tmp_path / "demos.json"
+    assert run_drive(out, "--driver", "safe", "--steps", 2) == 0
+    before = out.read_bytes()
+    keys += ["BACKSPACE", "s", "q"]
+    assert run_drive(out, "--overwrite") == 1
+    assert out.read_bytes() == before
+
+
+def test_keys_that_come_fast_are_all_obeyed(monkeypatch, tmp_path):
+    pygame = pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    show, pressed = window.Window.show, []
+
+    def show_and_press_all(self, *args, **options):
+        show(self, *args, **options)
+        if not pressed:
+            pressed.extend((pygame.K_LEFT, pygame.K_UP, pygame.K_RIGHT))
+            for key in pressed:
+                pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=key))
+
+    monkeypatch.setattr(window.Window, "show", show_and_press_all)
+    out = tmp_path / "demos.json"
+    assert run_drive(out, "--steps", 3) == 0
+    assert [ACTIONS[k] for k in read_drive(out).actions] == ["left", "stay", "right"]
+
+
+@pytest.mark.parametrize("length", [2, 10, 60])
+def test_a_window_fits_on_the_display(monkeypatch, length):
+    pygame = pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    with window.open_window(length, ("a key",), remedy="do not") as opened:
+        opened.show(Situation(2, ((2, 1),)), 0)
+        screen = pygame.display.get_surface()
+        assert screen.get_height() < pygame.display.get_desktop_sizes()[0][1]
+        image = pygame.surfarray.array3d(screen)
+        red = (image[..., 0] > 180) & (image[..., 1] < 100) & (image[..., 2] < 90)
+        assert red.any()  # The driver's car.
+
+
 def test_nothing_driven_is_nothing_saved(keys, tmp_path, capsys):
     keys += ["close"]
     out = tmp_path / "demos.json"
@@ -79,15 +128,19 @@ def test_nothing_driven_is_nothing_saved(keys, tmp_path, capsys):
     assert not out.exists()
 
 
-@pytest.mark.parametrize("driver", ["none at all", None])
+@pytest.mark.parametrize("driver", ["none at all", "", None])
 def test_without_a_display_one_line_says_so(monkeypatch, tmp_path, capsys, driver):
     pygame = pytest.importorskip("pygame")
     if driver is None:
         monkeypatch.delenv("SDL_VIDEODRIVER", raising=False)
+        monkeypatch.setenv("DISPLAY", ":0")
         monkeypatch.setattr(pygame.display, "get_driver", lambda: "offscreen")
         monkeypatch.setattr(pygame.display, "init", lambda: None)
     else:
         monkeypatch.setenv("SDL_VIDEODRIVER", driver)
+    if driver == "":
+        for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+            monkeypatch.delenv(name, raising=False)
     assert run_drive(tmp_path / "demos.json") == 1
     error = capsys.readouterr().err
     assert error.startswith("error: no window can be opened")
@@ -140,6 +193,10 @@ def test_a_drive_survives_the_disk(tmp_path):
         ({"steps": [{"position": True, "cars": [], "action": "left"}]}, "step 0"),
         ({"steps": [{"position": 2, "cars": [], "action": "up"}]}, "step 0"),
         ({"steps": [{"position": 2, "cars": None, "action": "left"}]}, "step 0"),
+        (
+            {"steps": [{"position": 2, "cars": [[1, 4]] * 2, "action": "left"}]},
+            "different places",
+        ),
         ({"steps": ["left"]}, "step 0"),
         ({"format": "else/1"}, "else/1"),
     ],
@@ -188,11 +245,18 @@ def test_driving_writes_rows_pictures_and_a_recording(tmp_path, capsys):
     assert [row["answer"] != "" for row in rows] == [False, True, True, False]
     assert (out / "figures" / "riskiest.png").stat().st_size > 10_000
     assert (out / "recording.rrd").stat().st_size > 10_000
+    rounds = json.loads((out / "riskiest.json").read_text())["rounds"]
+    for row, each in zip(rows, rounds, strict=True):
+        values = [found["var"] for found in each["riskiest"]]
+        assert values == sorted(values, reverse=True)
+        assert len(values) == 10
+        assert float(row["var"]) == pytest.approx(values[0])
     assert capsys.readouterr().out.count("| 8 |") == 3
     again = tmp_path / "again"
     assert run_driving(again, "--steps", "5", "8", "--num-queries", "2") == 0
     assert (again / "rounds.csv").read_bytes() == (out / "rounds.csv").read_bytes()
-    refusal(capsys, cli.main, "driving", *FEW, "--out", out)
+    error = refusal(capsys, cli.main, "driving", *FEW, "--out", out)
+    assert "--resume" not in error
     assert run_driving(out, "--steps", "5", "--overwrite") == 0
     assert (out / "rounds.csv").read_bytes() != (again / "rounds.csv").read_bytes()
 
@@ -203,7 +267,59 @@ def test_questions_end_once_nothing_is_risky(tmp_path, capsys):
     assert "No more questions" in capsys.readouterr().out
 
 
-def test_a_person_answers_until_the_window_is_closed(keys, tmp_path):
+def test_steps_and_answers_are_a_drive_to_go_on_with(tmp_path, capsys):
+    out, again = tmp_path / "out", tmp_path / "again"
+    options = ("--driver", "right-lane", "--steps", "5")
+    assert run_driving(out, *options, "--queries", "2") == 0
+    with (out / "rounds.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    known = read_drive(out / "demos.json")
+    assert known.driver == "right-lane"
+    assert known.states[:5] == shipped_drive("right-lane").states[:5]
+    answers = [ACTIONS[action] for action in known.actions[5:]]
+    assert answers == [row["answer"] for row in rows[:2]]
+    policy = known.highway.driver_policy("right-lane")
+    assert known.actions[5:] == tuple(policy[list(known.states[5:])])
+    options = ("--demos", out / "demos.json", "--steps", "7", "--num-queries", "1")
+    capsys.readouterr()
+    assert run_driving(again, *options) == 0
+    assert "answers by right-lane" in capsys.readouterr().out
+    assert len(read_drive(again / "demos.json").states) == 8
+
+
+def test_what_was_learned_stays_when_it_is_interrupted(monkeypatch, tmp_path, capsys):
+    out, demonstrate = tmp_path / "out", DrivingProblem.demonstrate
+
+    def interrupt(self, query, *, rng):
+        demonstrate(self, query, rng=rng)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(DrivingProblem, "demonstrate", interrupt)
+    assert run_driving(out, "--steps", "5", "--num-queries", "4") == 130
+    assert str(out) in capsys.readouterr().err
+    assert len(read_drive(out / "demos.json").states) == 6
+    for name in ("figures/riskiest.png", "recording.rrd", "summary.json"):
+        assert (out / name).exists()
+
+
+def test_a_key_that_is_pressed_too_early_answers_nothing(keys, monkeypatch, tmp_path):
+    pygame = pytest.importorskip("pygame")
+    say = window.Window.say
+
+    def say_and_press(self, words):
+        say(self, words)
+        pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=pygame.K_RIGHT))
+
+    monkeypatch.setattr(window.Window, "say", say_and_press)
+    keys += ["LEFT", "UP"]
+    out = tmp_path / "out"
+    options = ("--steps", "5", "--num-queries", "2", "--answers", "person")
+    assert run_driving(out, *options) == 0
+    answered = read_drive(out / "demos.json").actions[5:]
+    assert [ACTIONS[action] for action in answered] == ["left", "stay"]
+
+
+def test_a_person_answers_until_the_window_is_closed(keys, tmp_path, capsys):
     keys += ["LEFT", "close"]
     out = tmp_path / "out"
     options = ("--steps", "5", "--num-queries", "4", "--answers", "person")
@@ -211,6 +327,8 @@ def test_a_person_answers_until_the_window_is_closed(keys, tmp_path):
     with (out / "rounds.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["answer"] for row in rows] == ["left", ""]
+    assert "ended after 1 of 4 answers" in capsys.readouterr().err
+    assert read_drive(out / "demos.json").driver == "safe, then person"
 
 
 def test_a_study_of_driving_has_the_same_rows_for_any_number_of_jobs(tmp_path):
@@ -229,3 +347,6 @@ def test_a_study_of_driving_has_the_same_rows_for_any_number_of_jobs(tmp_path):
 
     assert rows_of(outs[0]) == rows_of(outs[1])
     assert len(rows_of(outs[0])) == 12
+    told = (outs[0] / "comparison.md").read_text()
+    assert "| active-var | 1 |" in told
+    assert "policy loss over all rounds, active-var by drive" in told

@@ -136,7 +136,7 @@ def test_more_of_the_drive_makes_the_robot_safer():
     for num in (2, 40):
         posterior = infer(
             road.mdp,
-            [driven.first(num)],
+            [driven.first(num).evidence],
             CoordinateChain(num_samples=300),
             rng=np.random.default_rng(0),
         )
