@@ -18,7 +18,7 @@ LONGEST = 60
 
 @dataclass(frozen=True)
 class Drive:
-    """Steps on a road.
+    """Steps on a road; what was said in single situations counts as such too.
 
     Attributes:
         highway: The road.
@@ -72,7 +72,8 @@ def read_drive(path: Path) -> Drive:
     """Read a drive.
 
     Raises:
-        InvalidFile: If it cannot be read, has no step, or one that cannot be.
+        InvalidFile: If it cannot be read, has no step, or one in a situation or of an
+            action that cannot be. That a step leads to the next is not asked for.
     """
     content = read_json(path, DRIVE_FORMAT)
     length, steps = content.get("length"), content.get("steps")
@@ -94,10 +95,13 @@ def read_drive(path: Path) -> Drive:
                 f"`cars` in different places as [lane, distance], with lanes from 1 to 3 "
                 f"and distances below {length}, and an `action` of {', '.join(ACTIONS)}; got {step!r:.80}"
             ) from error
-    driver = content.get("driver")
-    return Drive(
-        highway, tuple(states), tuple(actions), str(driver) if driver else "person"
-    )
+    driver = content.get("driver", "person")
+    if not isinstance(driver, str) or not driver.isprintable() or len(driver) > 80:
+        raise InvalidFile(
+            f"'{path}': `driver` must be a printable name of 80 characters at most; got "
+            f"{driver!r:.80}"
+        )
+    return Drive(highway, tuple(states), tuple(actions), driver)
 
 
 def shipped_drive(driver: str) -> Drive:

@@ -16,7 +16,7 @@ except ModuleNotFoundError as error:
         name=error.name,
     ) from error
 
-from gridworld_bench.highway import Highway, driver_weights
+from gridworld_bench.highway import DRIVERS, Highway, driver_weights
 from gridworld_bench.mdp import Mdp
 from gridworld_bench.road_picture import Picture, draw_road
 from gridworld_bench.window import Window, open_window
@@ -93,7 +93,19 @@ class HighwayEnv(MdpEnv):
             driver: Whose reward it is, see `highway.DRIVERS`.
             render_mode: A picture on demand, or a window, which needs
                 `tablesetting[drive]`.
+
+        Raises:
+            ValueError: If there is no such length, driver or mode.
         """
+        if driver not in DRIVERS:
+            raise ValueError(
+                f"`driver` must be one of {', '.join(DRIVERS)}; got {driver!r}"
+            )
+        modes = (None, *self.metadata["render_modes"])
+        if render_mode not in modes:
+            raise ValueError(
+                f"`render_mode` must be one of {modes}; got {render_mode!r}"
+            )
         self.highway = Highway(length)
         super().__init__(self.highway.mdp, driver_weights(driver))
         self.render_mode = render_mode
@@ -104,7 +116,11 @@ class HighwayEnv(MdpEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[int, dict[str, Any]]:
-        """Start anywhere."""
+        """Start anywhere.
+
+        Raises:
+            NoWindow: If the mode is "human" and no window can be opened.
+        """
         found = super().reset(seed=seed, options=options)
         self._num_steps = 0
         self._show()
@@ -153,7 +169,8 @@ def tabulate(mdp: Mdp, weights: Array) -> dict[int, dict[int, list[Outcome]]]:
             mdp.probabilities[state, action].tolist(),
             strict=True,
         ):
-            chances[there] = chances.get(there, 0.0) + chance / total
+            if chance > 0.0:  # Else it only fills a row.
+                chances[there] = chances.get(there, 0.0) + chance / total
         if mdp.is_terminal[state]:
             return [(1.0, state, 0.0, True)]
         return [

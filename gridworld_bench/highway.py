@@ -142,7 +142,11 @@ class Highway:
         )
 
     def _move(self, cars: tuple[Car, ...]) -> dict[tuple[Car, ...], float]:
-        """Return how probable each place of the cars is at the next step."""
+        """Return how probable each place of the cars is at the next step.
+
+        That two cars enter the same lane at once is excluded, and the rest made to sum
+        to 1: with both away, each enters a little less often than one alone.
+        """
         kept = [(lane, distance - 1) for lane, distance in cars if distance > 0]
         options = {None: 1.0 - _ENTERS} | dict.fromkeys(_LANES, _ENTERS / len(_LANES))
         found: dict[tuple[Car, ...], float] = {}
@@ -172,7 +176,11 @@ class Highway:
 
 
 def driver_weights(driver: str) -> Array:
-    """Return the reward weights of a scripted driver, shape (D,)."""
+    """Return the reward weights of a scripted driver, shape (D,).
+
+    Raises:
+        KeyError: If there is no such driver.
+    """
     wanted = DRIVERS[driver]
     return normalize_l1(np.array([wanted.get(name, 0.0) for name in FEATURES]))
 
@@ -184,11 +192,15 @@ def drive_best(solution: Solution) -> Indices:
 
 
 def stationary_probabilities(mdp: Mdp, policy: Indices) -> Array:
-    """Return how much of the time a policy spends in each state, shape (S,)."""
+    """Return how much of the time a policy spends in each state, shape (S,).
+
+    It starts anywhere, each state as probably, which matters if it never leaves some part.
+    """
     transitions = mdp.transitions(policy).T.tocsr()
     chances = np.full(mdp.num_states, 1.0 / mdp.num_states)
     for _ in range(100_000):
-        new = transitions @ chances
+        # Half of each step is to stay, lest a cycle go on for ever.
+        new = 0.5 * (chances + transitions @ chances)
         if np.abs(new - chances).sum() < 1e-12:
             break
         chances = new

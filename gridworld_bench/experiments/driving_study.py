@@ -81,6 +81,8 @@ def _tell_ratios(
     """Compare the riskiest states with those at first, and `active-var` with the others."""
     lines = []
     for name, each in values["riskiest_probability"].items():
+        if not each[:, 0].any():
+            continue  # The driver is never in them.
         ratio = estimate_ratio(each[:, last], each[:, 0], rng=rng)
         found[name]["probability_by_first"] = vars(ratio)
         lines += [

@@ -1,14 +1,29 @@
 import csv
 import json
+from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
 from refusals import refusal
 
 from gridworld_bench import cli, window
-from gridworld_bench.drives import read_drive, save_drive, shipped_drive
-from gridworld_bench.driving import DrivingProblem
-from gridworld_bench.highway import ACTIONS, DRIVERS, STAY, Situation
+from gridworld_bench.drives import LONGEST, read_drive, save_drive, shipped_drive
+from gridworld_bench.driving import DrivingProblem, Record, Riskiest, drive
+from gridworld_bench.experiments import driving, trials
+from gridworld_bench.experiments.config import MOST, DrivingStudyConfig
+from gridworld_bench.experiments.trials import Trial
+from gridworld_bench.highway import (
+    ACTIONS,
+    DRIVERS,
+    STAY,
+    Highway,
+    Situation,
+    stationary_probabilities,
+)
+from gridworld_bench.likelihood import Evidence
+from tablesetting.irl.active import run_active
+from tablesetting.results import RunFolder, read_rows
 
 FEW = ("--num-samples", "60", "--num-sampled-states", "30")
 
@@ -198,6 +213,8 @@ def test_a_drive_survives_the_disk(tmp_path):
             "different places",
         ),
         ({"steps": ["left"]}, "step 0"),
+        ({"driver": ["safe"]}, "`driver`"),
+        ({"driver": "\x1b[31m"}, "`driver`"),
         ({"format": "else/1"}, "else/1"),
     ],
 )
@@ -225,6 +242,10 @@ def test_a_bad_drive_is_refused_in_one_line(tmp_path, capsys, change, words):
 )
 def test_bad_options_are_refused_in_one_line(tmp_path, capsys, options):
     refusal(capsys, cli.main, "driving", *options, "--out", tmp_path / "out")
+
+
+def test_options_and_files_have_the_same_longest_road():
+    assert MOST["length"] == LONGEST
 
 
 def run_driving(out, *options):
@@ -262,9 +283,24 @@ def test_driving_writes_rows_pictures_and_a_recording(tmp_path, capsys):
 
 
 def test_questions_end_once_nothing_is_risky(tmp_path, capsys):
+    out = tmp_path / "out"
     options = ("--steps", "20", "--num-queries", "3", "--epsilon", "1000")
-    assert run_driving(tmp_path / "out", *options) == 0
+    assert run_driving(out, *options) == 0
+    assert len(read_rows(out / "rounds.csv")) == 1
     assert "No more questions" in capsys.readouterr().out
+
+
+def test_as_many_steps_are_learned_from_as_are_asked_for(monkeypatch, tmp_path):
+    shown = []
+
+    def spy(problem, first, *args, **options):
+        shown.extend(first)
+        return run_active(problem, first, *args, **options)
+
+    monkeypatch.setattr(driving, "run_active", spy)
+    assert run_driving(tmp_path / "out", "--steps", "5", "8") == 0
+    states = list(shipped_drive("safe").states)
+    assert [each.states.tolist() for each in shown] == [states[:5], states[:8]]
 
 
 def test_steps_and_answers_are_a_drive_to_go_on_with(tmp_path, capsys):
@@ -329,6 +365,54 @@ def test_a_person_answers_until_the_window_is_closed(keys, tmp_path, capsys):
     assert [row["answer"] for row in rows] == ["left", ""]
     assert "ended after 1 of 4 answers" in capsys.readouterr().err
     assert read_drive(out / "demos.json").driver == "safe, then person"
+
+
+STUDY = DrivingStudyConfig(
+    length=4, num_samples=60, num_sampled_states=30, num_queries=3
+)
+
+
+def test_who_drives_on_shows_the_next_steps_of_one_drive():
+    rounds = list(islice(trials.rounds_of(STUDY, Trial("drive", 0)), 4))
+    rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(0,)).spawn(2)[1])
+    driven = drive(Highway(4), "safe", 8, rng=rng)
+    assert len(rounds[0].demos[0].states) == 5
+    known = Evidence.join(rounds[-1].demos)
+    assert known.states.tolist() == list(driven.states)
+    assert known.actions.tolist() == list(driven.actions)
+
+
+def test_a_row_of_the_study_has_what_happened_on_the_road(monkeypatch):
+    riskiest = Riskiest(np.array([3, 9]), np.array([0.2, 0.1]))
+    monkeypatch.setattr(trials, "try_out", lambda *_, **__: Record(3, 7))
+    monkeypatch.setattr(trials, "find_riskiest", lambda *_: riskiest)
+    row = next(
+        iter(trials.run_trial(replace(STUDY, num_queries=0), Trial("random", 0)))
+    )
+    road = Highway(4)
+    spent = stationary_probabilities(road.mdp, road.driver_policy("safe"))
+    assert (row["collisions"], row["off_road"]) == (3, 7)
+    expected = pytest.approx(spent[[3, 9]].mean(), abs=1e-8)
+    assert row["riskiest_probability"] == expected
+
+
+def test_the_study_compares_by_ratios(tmp_path):
+    out = tmp_path / "out"
+    options = ["--num-trials", "2", "--num-queries", "1", "--length", "4", *FEW]
+    argv = ["driving-study", *options, "--jobs", "1", "--out", str(out)]
+    assert cli.main(argv) == 0
+    rows = read_rows(out / "rounds.csv")
+    for row in rows:
+        is_asking = row["strategy"] == "active-var"
+        row["collisions"] = 10 if is_asking else 20
+        row["policy_loss"] = 0.1 if is_asking else 0.4
+        row["riskiest_probability"] = 0.002 / (1 + 3 * int(row["num_queries"]))
+    RunFolder(out).write_rows(rows)
+    assert cli.main([*argv, "--resume"]) == 0
+    told = (out / "comparison.md").read_text()
+    assert "Probability after 1 more by that at first, drive: 0.2500" in told
+    assert "Sum of collisions over all rounds, active-var by drive: 0.5000" in told
+    assert "Sum of policy loss over all rounds, active-var by random: 0.2500" in told
 
 
 def test_a_study_of_driving_has_the_same_rows_for_any_number_of_jobs(tmp_path):

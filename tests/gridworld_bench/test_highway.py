@@ -7,11 +7,13 @@ from hypothesis import strategies as st
 from scipy.sparse.csgraph import connected_components
 from scipy.stats import chi2
 
+from gridworld_bench import mdp as mdp_module
 from gridworld_bench.driving import drive, find_riskiest, try_out
 from gridworld_bench.highway import (
     ACTIONS,
     DRIVERS,
     FEATURES,
+    STAY,
     Highway,
     Situation,
     driver_weights,
@@ -19,6 +21,7 @@ from gridworld_bench.highway import (
 )
 from gridworld_bench.mdp import optimal_values, solve
 from gridworld_bench.posterior import CoordinateChain, infer
+from gridworld_bench.road_picture import draw_road
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +77,8 @@ def test_features_by_hand():
     assert features_of(1, (1, 0), (2, 0)) == {"left lane", "collision", "car beside"}
     assert features_of(2, (2, 3), (2, 2)) == {"middle lane", "car 2 ahead"}
     assert features_of(3, (3, 4), (2, 1)) == {"right lane"}
+    assert features_of(3, (3, 3), (3, 4)) == {"right lane", "car 3 ahead"}
+    assert road.mdp.discount == 0.9
 
 
 def test_values_are_those_of_brute_force_on_a_tiny_road():
@@ -145,6 +150,46 @@ def test_more_of_the_drive_makes_the_robot_safer():
     assert rates[1] <= rates[0]
 
 
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_a_scripted_drive_does_in_each_situation_what_the_driver_does(highway, driver):
+    policy, mdp = highway.driver_policy(driver), highway.mdp
+    for seed in range(8):
+        driven = drive(highway, driver, 9, rng=np.random.default_rng(seed))
+        states, actions = np.array(driven.states), np.array(driven.actions)
+        assert (actions == policy[states]).all()
+        start = highway.situations[states[0]]
+        assert not start.is_on_grass
+        assert not start.is_collision
+        for state, action, there in zip(states, actions, states[1:], strict=False):
+            is_there = mdp.successors[state, action] == there
+            assert mdp.probabilities[state, action][is_there].sum() > 0.0
+
+
+def test_a_policy_that_goes_to_and_fro_spends_half_of_the_time_on_each_side(highway):
+    agents = np.array([each.agent for each in highway.situations])
+    spent = stationary_probabilities(highway.mdp, np.where(agents > 1, 0, 2))
+    sides = [spent[agents == side].sum() for side in (1, 2)]
+    assert sides == pytest.approx([0.5, 0.5], abs=1e-6)
+
+
+def test_a_chain_by_sweeps_accepts_what_one_by_linear_systems_does(monkeypatch):
+    kept = []
+    for most_dense in (0, 10_000):
+        monkeypatch.setattr(mdp_module, "_MOST_DENSE", most_dense)
+        road = Highway(2)
+        assert (len(road.mdp.compiled.starts) > 1) == (most_dense == 0)
+        driven = drive(road, "safe", 12, rng=np.random.default_rng(5))
+        posterior = infer(
+            road.mdp,
+            [driven.evidence],
+            CoordinateChain(num_samples=300),
+            rng=np.random.default_rng(0),
+        )
+        kept.append(posterior)
+    np.testing.assert_array_equal(kept[0].weights, kept[1].weights)
+    np.testing.assert_allclose(kept[0].log_posts, kept[1].log_posts, atol=1e-5)
+
+
 def test_the_riskiest_states_come_first():
     riskiest = find_riskiest(np.arange(20, 35), np.r_[0.2, 0.5, np.full(13, 0.1)])
     assert riskiest.states.tolist() == [21, 20, *range(22, 30)]
@@ -207,6 +252,35 @@ def test_the_environment_follows_the_table():
             )
     assert freedom > 50
     assert chi2.sf(statistic, freedom) > 0.01
+
+
+def test_the_environment_shows_the_road_move_and_lists_what_can_be():
+    pytest.importorskip("gymnasium")
+    from gridworld_bench.envs import HighwayEnv
+
+    env = HighwayEnv(length=3, render_mode="rgb_array")
+    env.reset(seed=0)
+    state, *_ = env.step(STAY)
+    expected = draw_road(env.highway.situations[state], 3, 1)
+    np.testing.assert_array_equal(env.render(), expected)
+    chances = [
+        outcome[0]
+        for actions in env.P.values()
+        for outcomes in actions.values()
+        for outcome in outcomes
+    ]
+    assert min(chances) > 0.0
+
+
+@pytest.mark.parametrize(
+    "option", [{"driver": "blind"}, {"render_mode": "smell"}, {"length": 1}]
+)
+def test_an_environment_of_what_there_is_not_is_refused(option):
+    pytest.importorskip("gymnasium")
+    from gridworld_bench.envs import HighwayEnv
+
+    with pytest.raises(ValueError, match=next(iter(option))):
+        HighwayEnv(**option)
 
 
 def test_pictures_tell_situations_apart():
