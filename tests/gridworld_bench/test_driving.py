@@ -23,6 +23,7 @@ from gridworld_bench.highway import (
 )
 from gridworld_bench.likelihood import Evidence
 from tablesetting.irl.active import run_active
+from tablesetting.recording.reading import Recording
 from tablesetting.results import RunFolder, read_rows
 
 FEW = ("--num-samples", "60", "--num-sampled-states", "30")
@@ -273,6 +274,12 @@ def test_driving_writes_rows_pictures_and_a_recording(tmp_path, capsys):
         assert len(values) == 10
         assert float(row["var"]) == pytest.approx(values[0])
     assert capsys.readouterr().out.count("| 8 |") == 3
+    recording = Recording(out / "recording.rrd")
+    told = recording.rows("/answer", "TextDocument:text")
+    assert [row.value for row in told] == [row["answer"] for row in rows[1:3]]
+    driven = recording.rows("/action", "TextDocument:text")
+    expected = [f"safe: {ACTIONS[k]}" for k in shipped_drive("safe").actions[:8]]
+    assert [row.value for row in driven] == expected
     again = tmp_path / "again"
     assert run_driving(again, "--steps", "5", "8", "--num-queries", "2") == 0
     assert (again / "rounds.csv").read_bytes() == (out / "rounds.csv").read_bytes()

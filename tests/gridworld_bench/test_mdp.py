@@ -5,6 +5,7 @@ from worlds import KINDS, random_weights, small_world
 
 from gridworld_bench import _kernels
 from gridworld_bench.gridworlds import barrier_world, example_world, make_grid
+from gridworld_bench.likelihood import Evidence, MdpLikelihood
 from gridworld_bench.mdp import (
     Mdp,
     best_policy,
@@ -168,3 +169,33 @@ def test_features_are_expected_along_paths_as_by_linear_algebra(kind):
         )
         expected = feature_expectations(mdp, policy)
         np.testing.assert_allclose(found, expected, rtol=1e-10)
+
+
+def test_sweeps_give_up_no_reward_that_is_likely_enough():
+    """Where nothing mixes the bound is tight: values start too far apart here."""
+    num = 200
+    successors = np.tile(np.arange(num)[:, None, None], (1, 2, 2))
+    successors[0] = [[1, 1], [2, 2]]
+    mdp = Mdp(
+        successors,
+        np.full((num, 2, 2), 0.5),
+        np.r_[0.0, 1.0, -1.0, np.zeros(num - 3)][:, None],
+        discount=0.9,
+        initial_states=np.arange(num),
+        is_terminal=np.zeros(num, dtype=bool),
+    )
+    likelihood = MdpLikelihood(mdp, Evidence.of_pairs([(0, 1)]), 1.0)
+    (exact,), _ = likelihood.weigh(np.ones((1, 1)))
+    assert exact == pytest.approx(-18.0)  # The values are 10 and -10, discounted.
+    for margin, is_enough in ((0.001, True), (-0.001, False)):
+        found = _kernels._weigh_by_sweeps(
+            mdp.compiled,
+            0.9,
+            mdp.features[:, 0].copy(),
+            likelihood._pairs,
+            1.0,
+            exact - margin,
+            100.0 * mdp.features[:, 0],
+            _kernels._workspace(mdp.compiled),
+        )
+        assert np.isfinite(found) == is_enough
