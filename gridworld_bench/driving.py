@@ -73,7 +73,11 @@ class DrivingProblem(MdpProblem):
 def drive(
     highway: Highway, driver: str, num_steps: int, *, rng: np.random.Generator
 ) -> Drive:
-    """Let a scripted driver drive from a random situation on the road."""
+    """Let a scripted driver drive from a random situation on the road.
+
+    Raises:
+        KeyError: If there is no such driver.
+    """
     start, policy = int(rng.choice(road_starts(highway))), highway.driver_policy(driver)
     path = roll_out(highway.mdp, policy, start, num_steps, rng=rng)
     states = path.states.tolist()
@@ -86,7 +90,7 @@ def road_starts(highway: Highway) -> Indices:
 
 
 def draw_states(mdp: Mdp, num: int, *, rng: np.random.Generator) -> Indices:
-    """Draw distinct states, all of them if there are no more."""
+    """Draw distinct states, all S if there are no more, shape (min(num, S),)."""
     return rng.choice(mdp.num_states, size=min(num, mdp.num_states), replace=False)
 
 
@@ -157,7 +161,7 @@ def try_out(
     *,
     rng: np.random.Generator,
 ) -> Record:
-    """Drive from an empty middle lane on; count what should not happen."""
+    """Follow a policy, shape (S,), from an empty middle lane; count what went wrong."""
     state = highway.state_of(Situation(POSITIONS.index("middle lane"), ()))
     collisions = off_road = 0
     for _ in range(num_steps):

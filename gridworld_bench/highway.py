@@ -37,8 +37,8 @@ DRIVERS: Mapping[str, Mapping[str, float]] = {
 
 STAY = ACTIONS.index("stay")
 _LANES = (1, 2, 3)
-_DISCOUNT = 0.9  # What is beyond the end of a default road counts for little.
-_ENTERS = 0.3  # Probability that a car which is not on the road enters it.
+_DISCOUNT = 0.9
+_ENTERS = 0.3  # Probability that a car enters, if the other is on the road.
 _FARTHEST = 3  # Distance, in steps, up to which a car ahead is a feature.
 
 Car = tuple[int, int]
@@ -161,7 +161,11 @@ class Highway:
         return {key: chance / total for key, chance in found.items()}
 
     def driver_policy(self, driver: str) -> Indices:
-        """Return what a scripted driver does in each state, shape (S,)."""
+        """Return what a scripted driver does in each state, shape (S,).
+
+        Raises:
+            KeyError: If there is no such driver.
+        """
         return drive_best(solve(self.mdp, self.mdp.rewards(driver_weights(driver))))
 
     @cached_property

@@ -94,7 +94,8 @@ class Window:
 
         Args:
             seconds: How long to wait; forever if None. All of it is waited, and the last
-                action that was asked for in the meantime counts.
+                action that was asked for in the meantime counts; another command ends
+                the wait, and comes after that action.
 
         Returns:
             The command; None if time is up without one. A window that is closed ends.
@@ -123,6 +124,9 @@ class Window:
                 if command in ACTIONS and seconds is not None:
                     chosen = command
                 elif command is not None:
+                    if chosen is not None:
+                        pygame.event.post(event)  # For the next call.
+                        return chosen
                     return command
             pygame.time.wait(_WAIT)
         return chosen

@@ -75,7 +75,8 @@ def _drive_by_person(
 
     words, is_paused, is_saved = "", False, False
     while len(actions) < config.steps:
-        progress = f"step {len(actions) + 1} of {config.steps}  {words}"
+        notice = "paused; p goes on" if is_paused else ""
+        progress = f"step {len(actions) + 1} of {config.steps}  {words}  {notice}"
         window.show(highway.situations[states[-1]], len(actions), (progress,))
         command = window.wait_for_key(None if is_paused else config.period)
         words = ""
@@ -83,7 +84,6 @@ def _drive_by_person(
             break
         if command == "pause":
             is_paused = not is_paused
-            words = "paused; p goes on" if is_paused else ""
             continue
         if command == "undo" and actions:
             states.pop()

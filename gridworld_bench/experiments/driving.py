@@ -102,11 +102,10 @@ def _learn(
     log: DrivingLog,
 ) -> None:
     highway = driven.highway
-    policy = highway.driver_policy(driver)
     ask = None if window is None else _asking(highway, window)
 
     def answer(state: int) -> int:
-        action = int(policy[state]) if ask is None else ask(state)
+        action = int(problem.policy[state]) if ask is None else ask(state)
         log.add_answer(action)
         return action
 
@@ -130,6 +129,8 @@ def _learn(
             is_last = count == num_queries or latest.var_bound < config.epsilon
             asked = None if is_last else latest.query.start
             log.add(_view(problem, latest, num_steps, asked, rng=road_rng))
+            if is_last and num_steps == config.steps[-1]:
+                return
             if window is not None and window.is_closed:
                 raise WindowClosed
             if is_last:

@@ -1,5 +1,6 @@
 import csv
 import json
+import time
 from dataclasses import replace
 from itertools import islice
 
@@ -86,6 +87,44 @@ def test_a_window_that_is_closed_keeps_what_was_driven(keys, tmp_path, capsys, e
     assert run_drive(out, "--steps", 9) == 0
     assert len(read_drive(out).states) == 2
     assert "ended after 2 of 9 steps, which are saved" in capsys.readouterr().err
+
+
+def test_in_real_time_the_last_of_two_keys_counts_and_a_command_comes_after(
+    monkeypatch,
+):
+    pygame = pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    with window.open_window(3, (), remedy="do not") as opened:
+        for key in (pygame.K_LEFT, pygame.K_RIGHT):
+            pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=key))
+        started = time.monotonic()
+        assert opened.wait_for_key(0.1) == "right"
+        assert time.monotonic() - started >= 0.09
+        for key in (pygame.K_LEFT, pygame.K_s):
+            pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=key))
+        assert [opened.wait_for_key(0.1) for _ in range(2)] == ["left", "save"]
+
+
+def test_a_pause_lasts_until_somebody_drives_on(monkeypatch, tmp_path):
+    pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    commands = ["left", "pause", "save", "right"]
+    waits, told = [], []
+    show = window.Window.show
+
+    def wait(self, seconds=None):
+        waits.append(seconds)
+        return commands.pop(0)
+
+    def show_and_note(self, situation, num_steps, words=()):
+        told.append("paused" in words[0])
+        show(self, situation, num_steps, words)
+
+    monkeypatch.setattr(window.Window, "wait_for_key", wait)
+    monkeypatch.setattr(window.Window, "show", show_and_note)
+    assert run_drive(tmp_path / "demos.json", "--steps", 2, "--period", 9) == 0
+    assert waits == [9.0, 9.0, None, None]
+    assert told == [False, False, True, True]
 
 
 def test_what_is_all_undone_is_not_kept(keys, tmp_path, capsys):
@@ -203,6 +242,7 @@ def test_a_drive_survives_the_disk(tmp_path):
     [
         ({"length": 1}, "`length`"),
         ({"length": True}, "`length`"),
+        ({"length": 61}, "`length`"),
         ({"steps": []}, "`steps`"),
         ({"steps": [{"position": 9, "cars": [], "action": "left"}]}, "step 0"),
         ({"steps": [{"position": 2, "cars": [[1, 10]], "action": "left"}]}, "step 0"),
@@ -360,6 +400,40 @@ def test_a_key_that_is_pressed_too_early_answers_nothing(keys, monkeypatch, tmp_
     assert run_driving(out, *options) == 0
     answered = read_drive(out / "demos.json").actions[5:]
     assert [ACTIONS[action] for action in answered] == ["left", "stay"]
+
+
+@pytest.mark.parametrize(("steps", "is_early"), [(("5", "8"), True), (("5",), False)])
+def test_a_window_closed_while_it_learns_ends_what_is_not_over(
+    monkeypatch, tmp_path, capsys, steps, is_early
+):
+    pygame = pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    say = window.Window.say
+
+    def say_and_close(self, words):
+        say(self, words)
+        pygame.event.post(pygame.event.Event(pygame.QUIT))
+
+    monkeypatch.setattr(window.Window, "say", say_and_close)
+    out, options = tmp_path / "out", ("--num-queries", "2", "--answers", "person")
+    assert run_driving(out, "--steps", *steps, *options, "--epsilon", "1000") == 0
+    assert len(read_rows(out / "rounds.csv")) == 1
+    assert ("ended after 0 of 2" in capsys.readouterr().err) == is_early
+
+
+def test_active_var_asks_about_the_riskiest_state(tmp_path):
+    asked = {}
+    for strategy in ("active-var", "random"):
+        out = tmp_path / strategy
+        options = ("--steps", "5", "--num-queries", "1", "--strategy", strategy)
+        assert run_driving(out, *options) == 0
+        asked[strategy] = read_rows(out / "rounds.csv")[0]["query"]
+    assert asked["active-var"] != asked["random"]
+    riskiest = json.loads((tmp_path / "active-var" / "riskiest.json").read_text())
+    first = riskiest["rounds"][0]["riskiest"][0]
+    situation = shipped_drive("safe").highway.situations[int(asked["active-var"])]
+    assert first["position"] == situation.agent
+    assert first["cars"] == [list(car) for car in situation.cars]
 
 
 def test_a_person_answers_until_the_window_is_closed(keys, tmp_path, capsys):

@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.stats import chi2
 
 from gridworld_bench import mdp as mdp_module
-from gridworld_bench.driving import drive, find_riskiest, try_out
+from gridworld_bench.driving import draw_states, drive, find_riskiest, try_out
 from gridworld_bench.highway import (
     ACTIONS,
     DRIVERS,
@@ -190,6 +190,19 @@ def test_a_chain_by_sweeps_accepts_what_one_by_linear_systems_does(monkeypatch):
     np.testing.assert_allclose(kept[0].log_posts, kept[1].log_posts, atol=1e-5)
 
 
+def test_leaving_the_road_is_counted_as_that(highway):
+    left = np.full(highway.mdp.num_states, ACTIONS.index("left"))
+    record = try_out(highway, left, 10, rng=np.random.default_rng(0))
+    assert record.off_road == 9  # The first step leads into the left lane.
+    assert record.collisions <= 1
+
+
+def test_states_are_drawn_once(highway):
+    mdp = highway.mdp
+    drawn = draw_states(mdp, 10**6, rng=np.random.default_rng(0))
+    assert sorted(drawn) == list(range(mdp.num_states))
+
+
 def test_the_riskiest_states_come_first():
     riskiest = find_riskiest(np.arange(20, 35), np.r_[0.2, 0.5, np.full(13, 0.1)])
     assert riskiest.states.tolist() == [21, 20, *range(22, 30)]
@@ -270,6 +283,10 @@ def test_the_environment_shows_the_road_move_and_lists_what_can_be():
         for outcome in outcomes
     ]
     assert min(chances) > 0.0
+    assert (
+        draw_road(Situation(2, ()), 3, 0) != draw_road(Situation(2, ()), 3, 1)
+    ).any()
+    assert HighwayEnv(2, "reckless").P != HighwayEnv(2, "safe").P
 
 
 @pytest.mark.parametrize(
