@@ -93,7 +93,8 @@ def read_drive(path: Path) -> Drive:
             raise InvalidFile(
                 f"'{path}': step {number} must have a `position` from 0 to 4, at most two "
                 f"`cars` in different places as [lane, distance], with lanes from 1 to 3 "
-                f"and distances below {length}, and an `action` of {', '.join(ACTIONS)}; got {step!r:.80}"
+                f"and distances below {length}, and an `action` of {', '.join(ACTIONS)}; "
+                f"got {step!r:.80}"
             ) from error
     driver = content.get("driver", "person")
     if not isinstance(driver, str) or not driver.isprintable() or len(driver) > 80:

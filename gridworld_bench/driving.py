@@ -80,8 +80,9 @@ def drive(
     """
     start, policy = int(rng.choice(road_starts(highway))), highway.driver_policy(driver)
     path = roll_out(highway.mdp, policy, start, num_steps, rng=rng)
-    states = path.states.tolist()
-    return Drive(highway, tuple(states), tuple(policy[states].tolist()), driver)
+    assert path.actions is not None
+    states, actions = tuple(path.states.tolist()), tuple(path.actions.tolist())
+    return Drive(highway, states, actions, driver)
 
 
 def road_starts(highway: Highway) -> Indices:

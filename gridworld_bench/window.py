@@ -156,9 +156,8 @@ def open_window(length: int, keys: tuple[str, ...], *, remedy: str) -> Iterator[
         ) from error
     try:
         if sys.platform == "linux" and not any(map(os.environ.get, _DISPLAYS)):
-            raise pygame.error(
-                "there is no display"
-            )  # SDL would print lines of its own.
+            # SDL would find out by itself, but print lines of its own.
+            raise pygame.error("there is no display")
         pygame.display.init()
         if (
             pygame.display.get_driver() in _UNSEEN

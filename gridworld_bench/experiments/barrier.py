@@ -5,11 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from gridworld_bench.experiments.config import SparseBarrierConfig
-from gridworld_bench.experiments.results import FIGURE, losses_of
+from gridworld_bench.experiments.results import draw_means, losses_of
 from gridworld_bench.experiments.study import Study
 from tablesetting.bootstrap import estimate_ratio
-from tablesetting.curves import CurveKey, mean_curve
-from tablesetting.plotting import plot_strategies
 from tablesetting.results import Row
 
 _NO_LOSS = 1e-9
@@ -52,7 +50,14 @@ def count_demonstrations(study: Study, rows: Sequence[Row]) -> list[str]:
             .tolist(),
         }
     study.write_summary(found, level=config.level)
-    _draw(study, rows)
+    draw_means(
+        study,
+        {
+            name: (each > _NO_LOSS).astype(float)
+            for name, each in losses_of(rows, config).items()
+        },
+        ylabel="binary policy loss: share of the trials with any",
+    )
     return lines
 
 
@@ -63,21 +68,3 @@ def _first_below(losses: np.ndarray, level: float) -> np.ndarray:
         is_there.any(axis=1), is_there.argmax(axis=1), losses.shape[1]
     )
     return np.asarray(num_queries + 1.0)
-
-
-def _draw(study: Study, rows: Sequence[Row]) -> None:
-    config = study.config
-    counts = np.arange(config.num_queries + 1.0)
-    curves = {}
-    for name, each in losses_of(rows, config).items():
-        has_loss = (each > _NO_LOSS).astype(float)
-        key = CurveKey(config.name, name, "has_loss")
-        curves[key] = mean_curve(counts, has_loss.T)
-    figure = plot_strategies(
-        curves,
-        {},
-        f"{config.name}: {config.num_trials} trials, seed {config.seed}",
-        xlabel="queries",
-        ylabel="binary policy loss: share of the trials with any",
-    )
-    study.folder.write(FIGURE, figure.savefig)

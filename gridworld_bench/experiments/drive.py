@@ -73,7 +73,7 @@ def _drive_by_person(
     def driven() -> Drive:
         return Drive(highway, tuple(states[: len(actions)]), tuple(actions))
 
-    words, is_paused, is_saved = "", False, False
+    words, is_paused = "", False
     while len(actions) < config.steps:
         notice = "paused; p goes on" if is_paused else ""
         progress = f"step {len(actions) + 1} of {config.steps}  {words}  {notice}"
@@ -89,6 +89,8 @@ def _drive_by_person(
             states.pop()
             actions.pop()
             words = "undone"
+            if not actions:
+                config.out.unlink(missing_ok=True)
         elif command == "save":
             words = f"saved to {config.out.name}" if actions else "nothing to save yet"
         elif command is None or command in ACTIONS:
@@ -97,7 +99,4 @@ def _drive_by_person(
             states.append(step(highway.mdp, states[-1], actions[-1], rng=rng))
         if actions:
             save_drive(config.out, driven())
-        elif is_saved:
-            config.out.unlink(missing_ok=True)  # All of it was undone.
-        is_saved = bool(actions)
     return driven()

@@ -119,6 +119,8 @@ def _learn(
     score = ACTION_METHODS[config.strategy].score
     for num_steps in config.steps:
         if window is not None:
+            if log.views and window.is_closed:
+                raise WindowClosed
             window.say(f"learning from {num_steps} steps ...")
         seeds = np.random.SeedSequence(config.seed, spawn_key=(num_steps,))
         loop_rng, road_rng = map(np.random.default_rng, seeds.spawn(2))
@@ -129,10 +131,6 @@ def _learn(
             is_last = count == num_queries or latest.var_bound < config.epsilon
             asked = None if is_last else latest.query.start
             log.add(_view(problem, latest, num_steps, asked, rng=road_rng))
-            if is_last and num_steps == config.steps[-1]:
-                return
-            if window is not None and window.is_closed:
-                raise WindowClosed
             if is_last:
                 break
 

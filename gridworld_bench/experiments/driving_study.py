@@ -6,12 +6,10 @@ from typing import Any
 import numpy as np
 
 from gridworld_bench.experiments.config import DrivingStudyConfig
-from gridworld_bench.experiments.results import FIGURE, losses_of
+from gridworld_bench.experiments.results import draw_means, losses_of
 from gridworld_bench.experiments.study import Study
 from tablesetting.bootstrap import Estimate, estimate, estimate_ratio
-from tablesetting.curves import CurveKey, mean_curve
 from tablesetting.irl.arrays import Array
-from tablesetting.plotting import plot_strategies
 from tablesetting.results import Row
 
 _SHOWN = (0, 5, 15)  # Queries, or further steps, in the table, beside the last.
@@ -55,19 +53,13 @@ def tell_driving(study: Study, rows: Sequence[Row]) -> list[str]:
     if last:
         lines += _tell_ratios(values, found, last, rng=rng)
     study.write_summary(found, driver=config.driver, num_samples=config.num_samples)
-    curves = {}
-    steps = np.arange(config.num_queries + 1.0)
-    for name, each in values["collisions"].items():
-        key = CurveKey(config.name, name, "collisions")
-        curves[key] = mean_curve(steps, each.T)
-    figure = plot_strategies(
-        curves,
-        {},
-        f"{config.name}: {config.driver} driver, {config.num_trials} trials, seed {config.seed}",
-        xlabel=f"steps, or answers, after {config.num_shown} steps",
+    draw_means(
+        study,
+        values["collisions"],
         ylabel="collisions in 1 000 steps",
+        xlabel=f"steps, or answers, after {config.num_shown} steps",
+        who=f"{config.driver} driver, ",
     )
-    study.folder.write(FIGURE, figure.savefig)
     return lines
 
 
@@ -89,15 +81,18 @@ def _tell_ratios(
             "",
             f"Probability after {last} more by that at first, {name}: {ratio}.",
         ]
+    others = [name for name in found if name != "active-var"]
+    if "active-var" not in found:
+        return lines
     for first, rounds in ((1, "all rounds"), (last // 2 + 1, "the second half")):
         for column in ("collisions", "policy_loss"):
             areas = {
                 name: each[:, first:].sum(axis=1)
                 for name, each in values[column].items()
             }
-            for name, area in areas.items():
-                if "active-var" in areas and name != "active-var" and area.any():
-                    ratio = estimate_ratio(areas["active-var"], area, rng=rng)
+            for name in others:
+                if areas[name].any():
+                    ratio = estimate_ratio(areas["active-var"], areas[name], rng=rng)
                     key = f"{column}_by_{name}, {rounds}"
                     found["active-var"][key] = vars(ratio)
                     what = column.replace("_", " ")

@@ -189,3 +189,35 @@ def _draw(folder: RunFolder, losses: Mapping[str, Array], config: StudyConfig) -
         ylabel="mean policy loss, by that before the first",
     )
     folder.write(FIGURE, figure.savefig)
+
+
+def draw_means(
+    study: Study,
+    values: Mapping[str, Array],
+    *,
+    ylabel: str,
+    xlabel: str = "queries",
+    who: str = "",
+) -> None:
+    """Draw the figure of a study: means over its trials.
+
+    Args:
+        study: The study.
+        values: Of each strategy, shape (trials, queries + 1).
+        ylabel: What they are.
+        xlabel: What is counted.
+        who: Words for the title, before the number of trials.
+    """
+    config = study.config
+    counts = np.arange(config.num_queries + 1.0)
+    figure = plot_strategies(
+        {
+            CurveKey(config.name, name, ylabel): mean_curve(counts, each.T)
+            for name, each in values.items()
+        },
+        {},
+        f"{config.name}: {who}{config.num_trials} trials, seed {config.seed}",
+        xlabel=xlabel,
+        ylabel=ylabel,
+    )
+    study.folder.write(FIGURE, figure.savefig)

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gridworld_bench.experiments.config import NormalisedStopConfig
-from gridworld_bench.experiments.results import FIGURE, losses_of
+from gridworld_bench.experiments.results import draw_means, losses_of
 from gridworld_bench.experiments.study import Study
-from tablesetting.curves import CurveKey, Share, mean_curve
-from tablesetting.plotting import plot_strategies
+from tablesetting.curves import Share
 from tablesetting.results import Row
 
 
@@ -22,6 +21,10 @@ class _Stop:
     truth: str
 
 
+_DRAWN = {
+    "random_normalized_var": "0.95-VaR",
+    "random_normalized_loss": "true loss",
+}
 _STOPS = {
     "normalized": _Stop(
         "the optimal value: 1 - V / V*, the paper's",
@@ -76,25 +79,10 @@ def tell_stops(study: Study, rows: Sequence[Row]) -> list[str]:
                 "num_right": right.count,
             }
     study.write_summary(found, epsilon=config.epsilon, loss_epsilon=config.loss_epsilon)
-    _draw(study, rows)
+    curves = {
+        f"{strategy}, {label}": losses_of(rows, config, column)[strategy]
+        for strategy in config.strategies
+        for column, label in _DRAWN.items()
+    }
+    draw_means(study, curves, ylabel="largest loss, by that of acting at random")
     return lines
-
-
-def _draw(study: Study, rows: Sequence[Row]) -> None:
-    config = study.config
-    counts = np.arange(config.num_queries + 1.0)
-    curves = {}
-    for strategy in config.strategies:
-        for column in ("random_normalized_var", "random_normalized_loss"):
-            values = losses_of(rows, config, column)[strategy]
-            label = "0.95-VaR" if column.endswith("var") else "true loss"
-            key = CurveKey(config.name, f"{strategy}, {label}", column)
-            curves[key] = mean_curve(counts, values.T)
-    figure = plot_strategies(
-        curves,
-        {},
-        f"{config.name}: {config.num_trials} trials, seed {config.seed}",
-        xlabel="queries",
-        ylabel="largest loss, by that of acting at random",
-    )
-    study.folder.write(FIGURE, figure.savefig)

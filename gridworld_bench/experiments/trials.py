@@ -171,7 +171,7 @@ def driving_cells(
     rare, is the mean share of the time that the driver spends in each.
     """
     assert isinstance(config, DrivingStudyConfig)
-    # Of these, the loop's own streams meet only some of demonstrators, who draw nothing.
+    # The loop gives one of these streams to the driver too, who draws nothing from it.
     seeds = np.random.SeedSequence(
         config.seed, spawn_key=(trial.index, 1 + num_queries, 2)
     )

@@ -1,4 +1,3 @@
-import csv
 import json
 import time
 from dataclasses import replace
@@ -296,8 +295,7 @@ def run_driving(out, *options):
 def test_driving_writes_rows_pictures_and_a_recording(tmp_path, capsys):
     out = tmp_path / "out"
     assert run_driving(out, "--steps", "5", "8", "--num-queries", "2") == 0
-    with (out / "rounds.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_rows(out / "rounds.csv")
     assert [(row["num_steps"], row["num_queries"]) for row in rows] == [
         ("5", "0"),
         ("8", "0"),
@@ -354,8 +352,7 @@ def test_steps_and_answers_are_a_drive_to_go_on_with(tmp_path, capsys):
     out, again = tmp_path / "out", tmp_path / "again"
     options = ("--driver", "right-lane", "--steps", "5")
     assert run_driving(out, *options, "--queries", "2") == 0
-    with (out / "rounds.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_rows(out / "rounds.csv")
     known = read_drive(out / "demos.json")
     assert known.driver == "right-lane"
     assert known.states[:5] == shipped_drive("right-lane").states[:5]
@@ -441,8 +438,7 @@ def test_a_person_answers_until_the_window_is_closed(keys, tmp_path, capsys):
     out = tmp_path / "out"
     options = ("--steps", "5", "--num-queries", "4", "--answers", "person")
     assert run_driving(out, *options) == 0
-    with (out / "rounds.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_rows(out / "rounds.csv")
     assert [row["answer"] for row in rows] == ["left", ""]
     assert "ended after 1 of 4 answers" in capsys.readouterr().err
     assert read_drive(out / "demos.json").driver == "safe, then person"
@@ -504,11 +500,10 @@ def test_a_study_of_driving_has_the_same_rows_for_any_number_of_jobs(tmp_path):
         assert cli.main(argv) == 0
 
     def rows_of(out):
-        with (out / "rounds.csv").open(newline="") as file:
-            return [
-                {name: cell for name, cell in row.items() if "seconds" not in name}
-                for row in csv.DictReader(file)
-            ]
+        return [
+            {name: cell for name, cell in row.items() if "seconds" not in name}
+            for row in read_rows(out / "rounds.csv")
+        ]
 
     assert rows_of(outs[0]) == rows_of(outs[1])
     assert len(rows_of(outs[0])) == 12
